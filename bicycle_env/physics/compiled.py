@@ -1,0 +1,149 @@
+"""The numba backend: one namespace of inlined functions, and entry points that are compiled once per machine.
+
+numba's own cache keys a compiled function by its bytecode and the pickled contents of its closure. The first misses
+changes in the functions that it calls, the second never matches in a new process. Here the key is a digest of every
+function, constant and record that goes into an entry point: editing a tire law recompiles what uses it, and nothing
+else does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import sys
+import time
+from collections.abc import Callable, Iterator
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
+
+from bicycle_env.physics import elementary
+
+# contract: a*b+c may be one instruction. No other licence: `reassoc` makes a row depend on its neighbours, `nnan`
+# deletes the NaN checks.
+FASTMATH = {"contract"}
+COMMON = {"error_model": "numpy", "fastmath": FASTMATH}
+
+
+def inlined(law: Callable[..., Any]) -> Any:
+    """A law as a part of a larger compiled function."""
+    return law if isinstance(law, Dispatcher) else numba.njit(law, forceinline=True, **COMMON)
+
+
+@inlined
+def _choose(condition: Any, then: Any, otherwise: Any) -> Any:
+    return then if condition else otherwise
+
+
+NUMBA: elementary.Namespace = elementary.namespace("numba", _choose, np.floor, inlined)
+
+
+def entry_point(function: FunctionType, signature: Any) -> Callable[..., Any]:
+    """Compile a function for one signature, or load it from the cache on disk; see :func:`progress`."""
+    content = digest(function)
+    # One file per content: two processes that compile different variants never write the same file.
+    function.__qualname__ = f"{function.__name__}-{content[:20]}"
+    dispatcher: Any = numba.njit(function, **COMMON)
+    with contextlib.suppress(RuntimeError):  # no writable folder: compile in every process
+        dispatcher._cache = _ContentCache(function, content)
+    dispatcher.compile(signature)
+    dispatcher.disable_compile()
+    compiled: Callable[..., Any] = dispatcher
+    return compiled
+
+
+class _ContentCache(FunctionCache):  # type: ignore[misc]
+    def __init__(self, function: FunctionType, content: str) -> None:
+        super().__init__(function)
+        self._content = content
+
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        return sig, codegen.magic_tuple(), self._content
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)
+        if found is None:
+            _announce()
+        return found
+
+
+_label: list[str] = []
+
+
+@contextlib.contextmanager
+def progress(label: str) -> Iterator[None]:
+    """While inside, the first entry point that is not in the cache prints one line with `label` to stderr."""
+    _label.append(label)
+    start = time.perf_counter()
+    try:
+        yield
+    finally:
+        announced = not _label or _label.pop() == ""
+        if announced:
+            print(f" {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
+
+
+def _announce() -> None:
+    if _label and _label[-1]:
+        print(f"bicycle_env: compiling {_label[-1]}, once for this machine ...", end="", file=sys.stderr, flush=True)
+        _label[-1] = ""
+
+
+def digest(function: Any) -> str:
+    """A hexadecimal digest of a function's bytecode and of everything that it refers to, at any depth."""
+    hasher = hashlib.sha256(f"{numba.__version__} {np.__version__} {sys.version} {sorted(FASTMATH)}".encode())
+    _feed(hasher.update, function, set())
+    return hasher.hexdigest()
+
+
+def _feed(update: Callable[[bytes], None], item: Any, seen: set[int]) -> None:
+    def word(*parts: object) -> None:
+        update(repr(parts).encode())
+
+    if isinstance(item, Dispatcher):
+        item = item.py_func
+    if isinstance(item, FunctionType):
+        word("function", item.__name__)
+        if id(item) in seen:
+            return
+        seen.add(id(item))
+        _feed(update, item.__code__, seen)
+        _feed(update, item.__defaults__, seen)
+        for cell in item.__closure__ or ():
+            _feed(update, cell.cell_contents, seen)
+        for name in _names(item.__code__):
+            if name in item.__globals__:
+                word(name)
+                _feed(update, item.__globals__[name], seen)
+    elif isinstance(item, CodeType):
+        word("code", item.co_code, item.co_names, item.co_varnames, item.co_freevars)
+        _feed(update, item.co_consts, seen)
+    elif isinstance(item, ModuleType):
+        word("module", item.__name__)
+        if item.__name__.startswith(elementary.__name__) and id(item) not in seen:
+            seen.add(id(item))
+            for name in sorted(vars(item)):
+                if isinstance(vars(item)[name], Dispatcher):
+                    _feed(update, vars(item)[name], seen)
+    elif isinstance(item, tuple):
+        word("tuple", type(item).__name__, len(item))
+        for part in item:
+            _feed(update, part, seen)
+    elif isinstance(item, type):
+        word("type", item.__module__, item.__qualname__, getattr(item, "_fields", None))
+    elif isinstance(item, (int, float, str, bytes, bool, type(None))):
+        word(item)
+    else:
+        # Built-in functions, numpy functions and numba's intrinsics: the versions above stand for their content.
+        word("other", getattr(item, "__module__", type(item).__module__), getattr(item, "__name__", str(type(item))))
+
+
+@functools.cache
+def _names(code: CodeType) -> tuple[str, ...]:
+    inner = [name for const in code.co_consts if isinstance(const, CodeType) for name in _names(const)]
+    return (*code.co_names, *inner)

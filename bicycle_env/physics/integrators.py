@@ -1,0 +1,56 @@
+"""The classical fourth-order Runge-Kutta method on a CarState."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from bicycle_env.physics.single_track import Car, CarState
+
+STABILITY_LIMIT = 2.5
+"""Largest timestep x |eigenvalue| accepted. RK4's own limit is 2.785 on the negative real axis, 2.83 on the imaginary."""
+
+Rates = Callable[[CarState, Any, Car], CarState]
+
+
+def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, Car, Any], CarState]:
+    """``advance(state, at_start, at_middle, at_end, car, timestep)``: one step, the input given at its three times."""
+    rates = xp.function(rates)
+    along = xp.function(moved)
+
+    def advance(
+        state: CarState, at_start: Any, at_middle: Any, at_end: Any, car: Car, timestep: Any
+    ) -> CarState:
+        half = 0.5 * timestep
+        k1 = rates(state, at_start, car)
+        k2 = rates(along(state, k1, half), at_middle, car)
+        k3 = rates(along(state, k2, half), at_middle, car)
+        k4 = rates(along(state, k3, timestep), at_end, car)
+        state = along(state, k1, timestep / 6.0)
+        state = along(state, k2, timestep / 3.0)
+        state = along(state, k3, timestep / 3.0)
+        return along(state, k4, timestep / 6.0)
+
+    return advance
+
+
+def moved(state: CarState, rate: CarState, time: Any) -> CarState:
+    """state + time x rate."""
+    return CarState(
+        state.longitudinal_position + time * rate.longitudinal_position,
+        state.lateral_position + time * rate.lateral_position,
+        state.heading + time * rate.heading,
+        state.lateral_velocity + time * rate.lateral_velocity,
+        state.yaw_rate + time * rate.yaw_rate,
+        state.front_steer + time * rate.front_steer,
+        state.rear_steer + time * rate.rear_steer,
+    )
+
+
+def check_timestep(name: str, timestep: float, fastest: float) -> None:
+    """Refuse a step too long for the fastest mode: ValueError if timestep x fastest [1/s] exceeds 2.5."""
+    if timestep * fastest > STABILITY_LIMIT:
+        raise ValueError(
+            f"{name} must be <= {STABILITY_LIMIT / fastest:.3g} s here, got {timestep:g}: the fastest mode has "
+            f"{fastest:.4g} 1/s, and their product must not exceed {STABILITY_LIMIT} for RK4 to be stable"
+        )

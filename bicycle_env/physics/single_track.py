@@ -1,0 +1,209 @@
+"""The single-track equations of motion: Karnopp, Vehicle Stability, (6.18)-(6.23), with the rear axle steered too.
+
+Axes: x forward, y to the LEFT, z up; positive steer, yaw rate and lateral position are to the left.
+
+    U  speed             V  lateral_velocity     r  yaw_rate       psi  heading
+    m  mass              Iz yaw_inertia          a  cg_to_front    b    cg_to_rear
+    Yf, Yr  lateral axle forces in the wheel's frame               df, dr  steer angles
+
+Two geometries: "small_angle" is the book's; "exact" keeps the arctangent of the slip angles, the cosine of the steer
+angles and the sine and cosine of the heading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from bicycle_env.physics.actuators import Actuator, steer_rate
+from bicycle_env.physics.tires import Tire
+from bicycle_env.physics.vehicle import Vehicle
+
+GEOMETRIES = ("small_angle", "exact")
+
+
+class CarState(NamedTuple):
+    """Where the car is and how it moves; also used for its rate of change. Scalars, or arrays of one shape."""
+
+    longitudinal_position: Any
+    """x of the centre of mass along the road, m."""
+    lateral_position: Any
+    """y of the centre of mass, m, to the left."""
+    heading: Any
+    """psi, rad."""
+    lateral_velocity: Any
+    """V in the body frame, m/s."""
+    yaw_rate: Any
+    """r, rad/s."""
+    front_steer: Any
+    """Road-wheel angle of the front axle, rad."""
+    rear_steer: Any
+    """Road-wheel angle of the rear axle, rad."""
+
+
+class Car(NamedTuple):
+    """The numbers that the equations need: one car, at one speed, on one road, with its two actuators."""
+
+    speed: Any
+    mass: Any
+    yaw_inertia: Any
+    cg_to_front: Any
+    cg_to_rear: Any
+    front_cornering_stiffness: Any
+    rear_cornering_stiffness: Any
+    front_peak_force: Any
+    rear_peak_force: Any
+    front_angle_limit: Any
+    rear_angle_limit: Any
+    front_rate_limit: Any
+    rear_rate_limit: Any
+    front_time_constant: Any
+    rear_time_constant: Any
+    front_extent: Any
+    rear_extent: Any
+    body_width: Any
+
+
+class Axles(NamedTuple):
+    """Slip angles [rad] and lateral forces [N] of the two axles, and the accelerations that they cause."""
+
+    front_slip_angle: Any
+    rear_slip_angle: Any
+    front_lateral_force: Any
+    rear_lateral_force: Any
+    lateral_acceleration: Any
+    """V' + U r, m/s^2."""
+    yaw_acceleration: Any
+    """r', rad/s^2."""
+
+
+def car_on_road(vehicle: Vehicle, speed: float, friction: float, front: Actuator, rear: Actuator) -> Car:
+    """Gather the numbers; the largest force of an axle is friction x its static load."""
+    return Car(
+        speed=speed,
+        mass=vehicle.mass,
+        yaw_inertia=vehicle.yaw_inertia,
+        cg_to_front=vehicle.cg_to_front,
+        cg_to_rear=vehicle.cg_to_rear,
+        front_cornering_stiffness=vehicle.front_cornering_stiffness,
+        rear_cornering_stiffness=vehicle.rear_cornering_stiffness,
+        front_peak_force=friction * vehicle.front_axle_load,
+        rear_peak_force=friction * vehicle.rear_axle_load,
+        front_angle_limit=front.angle_limit,
+        rear_angle_limit=rear.angle_limit,
+        front_rate_limit=front.rate_limit,
+        rear_rate_limit=rear.rate_limit,
+        front_time_constant=front.time_constant,
+        rear_time_constant=rear.time_constant,
+        front_extent=vehicle.front_extent,
+        rear_extent=vehicle.rear_extent,
+        body_width=vehicle.body_width,
+    )
+
+
+def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles]:
+    """``axles(state, car)``: what the two axles do in a state."""
+    exact = geometry == "exact"
+    angle = xp.atan if exact else xp.function(unchanged)
+    cosine = xp.cos if exact else xp.function(one)
+    lateral_force = xp.function(tire.law(xp))
+
+    def axles(state: CarState, car: Car) -> Axles:
+        front_slip = angle((state.lateral_velocity + car.cg_to_front * state.yaw_rate) / car.speed)  # 6.20
+        rear_slip = angle((state.lateral_velocity - car.cg_to_rear * state.yaw_rate) / car.speed)
+        front_slip = front_slip - state.front_steer
+        rear_slip = rear_slip - state.rear_steer
+        front_force = lateral_force(front_slip, car.front_cornering_stiffness, car.front_peak_force)
+        rear_force = lateral_force(rear_slip, car.rear_cornering_stiffness, car.rear_peak_force)
+        front_sideways = front_force * cosine(state.front_steer)
+        rear_sideways = rear_force * cosine(state.rear_steer)
+        return Axles(
+            front_slip,
+            rear_slip,
+            front_force,
+            rear_force,
+            (front_sideways + rear_sideways) / car.mass,  # 6.18
+            (car.cg_to_front * front_sideways - car.cg_to_rear * rear_sideways) / car.yaw_inertia,  # 6.19
+        )
+
+    return axles
+
+
+def unchanged(x: Any) -> Any:
+    """The small-angle arctangent."""
+    return x
+
+
+def one(x: Any) -> Any:
+    """The small-angle cosine."""
+    return 1.0
+
+
+def single_track(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, tuple[Any, Any], Car], CarState]:
+    """``rates(state, steer, car)`` for prescribed road-wheel angles: the steer in the state follows its input."""
+    forces = xp.function(axles(xp, tire, geometry))
+    path = xp.function(path_rates(xp, geometry))
+
+    def rates(state: CarState, steer: tuple[Any, Any], car: Car) -> CarState:
+        front_steer, rear_steer = steer
+        steered = CarState(
+            state.longitudinal_position,
+            state.lateral_position,
+            state.heading,
+            state.lateral_velocity,
+            state.yaw_rate,
+            front_steer,
+            rear_steer,
+        )
+        acting = forces(steered, car)
+        forward, sideways = path(state, car)
+        still = 0.0 * state.front_steer
+        return CarState(
+            forward,
+            sideways,
+            state.yaw_rate,
+            acting.lateral_acceleration - state.yaw_rate * car.speed,
+            acting.yaw_acceleration,
+            still,
+            still,
+        )
+
+    return rates
+
+
+def actuated_single_track(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, tuple[Any, Any], Car], CarState]:
+    """``rates(state, command, car)``: the road wheels follow the two commands [rad] through their actuators."""
+    body = xp.function(single_track(xp, tire, geometry))
+    actuator = xp.function(steer_rate(xp))
+
+    def rates(state: CarState, command: tuple[Any, Any], car: Car) -> CarState:
+        front_command, rear_command = command
+        rate = body(state, (state.front_steer, state.rear_steer), car)
+        return CarState(
+            rate.longitudinal_position,
+            rate.lateral_position,
+            rate.heading,
+            rate.lateral_velocity,
+            rate.yaw_rate,
+            actuator(state.front_steer, front_command, car.front_rate_limit, car.front_time_constant),
+            actuator(state.rear_steer, rear_command, car.rear_rate_limit, car.rear_time_constant),
+        )
+
+    return rates
+
+
+def path_rates(xp: Any, geometry: str) -> Callable[[CarState, Car], tuple[Any, Any]]:
+    """``(x', y')`` of the centre of mass on the road."""
+
+    def small_angle(state: CarState, car: Car) -> tuple[Any, Any]:
+        return car.speed + 0.0 * state.heading, state.lateral_velocity + car.speed * state.heading
+
+    def exact(state: CarState, car: Car) -> tuple[Any, Any]:
+        sine = xp.sin(state.heading)
+        cosine = xp.cos(state.heading)
+        return (
+            car.speed * cosine - state.lateral_velocity * sine,
+            car.speed * sine + state.lateral_velocity * cosine,
+        )
+
+    return exact if geometry == "exact" else small_angle

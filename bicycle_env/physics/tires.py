@@ -1,0 +1,150 @@
+"""Tire laws: lateral force of an axle against its slip angle.
+
+To add one, write a class with a ``law`` and add a row to ``LAWS``; every environment, ``simulate``, the analysis and
+the torch path then know it. A law is given the slip angle alpha [rad], the axle's cornering stiffness C [N/rad] and
+the largest force mu F_z [N] that its friction allows, and returns the lateral force Y [N]. It must be odd in alpha to
+the bit, branch-free, and have slope -C at zero slip: its linearisation is the book's model, equation (6.21).
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.validation import choice, explain_keywords, number
+
+Law = Callable[[Any, Any, Any], Any]
+
+
+class Tire(abc.ABC):
+    """Base of the tire laws: frozen, hashable, compared by value."""
+
+    @abc.abstractmethod
+    def law(self, xp: Any) -> Law:
+        """The law as a function ``(slip_angle, cornering_stiffness, peak_force)`` written in the namespace xp."""
+
+    def lateral_force(self, slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
+        """Lateral force [N], negative for positive slip.
+
+        Args:
+            slip_angle: rad; a scalar or an array.
+            cornering_stiffness: N/rad, positive; a scalar or an array that broadcasts with the slip angle.
+            peak_force: mu F_z in N, positive; a scalar or an array that broadcasts with the slip angle.
+
+        Returns:
+            A float for scalars, else an array of the common shape.
+
+        Raises:
+            ValueError: a value is not finite, or a stiffness or peak force is not positive.
+        """
+        values = {
+            "slip_angle": np.asarray(slip_angle, dtype=np.float64),
+            "cornering_stiffness": np.asarray(cornering_stiffness, dtype=np.float64),
+            "peak_force": np.asarray(peak_force, dtype=np.float64),
+        }
+        for name, value in values.items():
+            if not np.all(np.isfinite(value)):
+                raise ValueError(f"{name} must be finite, got {value}")
+            if name != "slip_angle" and not np.all(value > 0.0):
+                raise ValueError(f"{name} must be > 0, got {value}")
+        force = _on_arrays(self)(*values.values())
+        return float(force) if np.ndim(force) == 0 else np.asarray(force)
+
+
+@functools.cache
+def _on_arrays(tire: Tire) -> Law:
+    return tire.law(NUMPY)
+
+
+@explain_keywords
+@dataclasses.dataclass(frozen=True)
+class Linear(Tire):
+    """Y = -C alpha (6.6, 6.21): Karnopp's law, without limit. For small slip angles only."""
+
+    def law(self, xp: Any) -> Law:
+        def lateral_force(slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
+            return -cornering_stiffness * slip_angle
+
+        return lateral_force
+
+
+@explain_keywords
+@dataclasses.dataclass(frozen=True)
+class Tanh(Tire):
+    """Y = -D tanh(C alpha / D), D = mu F_z: the simplest smooth law that saturates."""
+
+    def law(self, xp: Any) -> Law:
+        def lateral_force(slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
+            return -peak_force * xp.tanh(cornering_stiffness * slip_angle / peak_force)
+
+        return lateral_force
+
+
+@explain_keywords
+@dataclasses.dataclass(frozen=True)
+class Fiala(Tire):
+    """The brush tire with parabolic pressure and one friction coefficient (E. Fiala 1954; Pacejka 2012, ch. 3).
+
+    z = C tan(alpha) / (3 mu F_z); Y = -mu F_z z (3 - 3|z| + z^2) up to |z| = 1, where the whole patch slides.
+    """
+
+    def law(self, xp: Any) -> Law:
+        def lateral_force(slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
+            # Clipping the angle, not its tangent: past 90 degrees the tangent changes sign.
+            sliding = xp.atan(3.0 * peak_force / cornering_stiffness)
+            size = xp.minimum(abs(slip_angle), sliding)
+            z = xp.minimum(xp.tan(size) * (cornering_stiffness / (3.0 * peak_force)), 1.0)
+            force = peak_force * (z * (3.0 - z * (3.0 - z)))
+            return xp.where(slip_angle > 0.0, -force, force)
+
+        return lateral_force
+
+
+@explain_keywords
+@dataclasses.dataclass(frozen=True)
+class MagicFormula(Tire):
+    """Y = -D sin(c atan(B alpha - E (B alpha - atan(B alpha)))), D = mu F_z, B = C/(c D) (Pacejka 2012, ch. 4)."""
+
+    shape: float = 1.3
+    """c: 0 < c < 2."""
+    curvature: float = -1.0
+    """E <= 1."""
+
+    def __post_init__(self) -> None:
+        shape = number("shape", self.shape, above=0.0)
+        if shape >= 2.0:
+            raise ValueError(f"shape must be > 0 and < 2, got {shape!r}")
+        object.__setattr__(self, "shape", shape)
+        object.__setattr__(self, "curvature", number("curvature", self.curvature, high=1.0))
+
+    def law(self, xp: Any) -> Law:
+        shape, curvature = self.shape, self.curvature
+
+        def lateral_force(slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
+            x = slip_angle * (cornering_stiffness / (shape * peak_force))
+            return -peak_force * xp.sin(shape * xp.atan(x - curvature * (x - xp.atan(x))))
+
+        return lateral_force
+
+
+LAWS: dict[str, type[Tire]] = {
+    "linear": Linear,
+    "tanh": Tanh,
+    "fiala": Fiala,
+    "magic_formula": MagicFormula,
+}
+
+
+def resolve(tire: str | Tire) -> Tire:
+    """A tire object from its name in ``LAWS`` or from itself; ValueError or TypeError otherwise."""
+    if isinstance(tire, Tire):
+        return tire
+    if not isinstance(tire, str):
+        raise TypeError(f"tire must be a Tire object or one of {', '.join(map(repr, LAWS))}, got {tire!r}")
+    return LAWS[choice("tire", tire, LAWS)]()

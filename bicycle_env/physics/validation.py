@@ -1,0 +1,108 @@
+"""Checks of what a user passes in: each error names the parameter, the value and the allowed range."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import functools
+import math
+import numbers
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+Class = TypeVar("Class", bound=type)
+
+
+def number(
+    name: str, value: object, low: float = -math.inf, high: float = math.inf, *, above: float | None = None
+) -> float:
+    """A finite float in [low, high], and greater than `above` if given; TypeError or ValueError otherwise."""
+    bound = f"> {above:g}" if above is not None else f">= {low:g}" if low > -math.inf else ""
+    if high < math.inf:
+        bound = f"in [{low:g}, {high:g}]" if low > -math.inf else f"{bound} and <= {high:g}".removeprefix(" and ")
+    allowed = f"a finite number {bound}".rstrip()
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        try:
+            # A zero-dimensional array is a number to numpy's users.
+            value = value.item() if getattr(value, "shape", None) == () else None  # type: ignore[attr-defined]
+        except (AttributeError, ValueError):
+            value = None
+        if isinstance(value, bool) or not isinstance(value, numbers.Real):
+            raise TypeError(f"{name} must be {allowed}, got {_original(value)}")
+    result = float(value)
+    if not math.isfinite(result) or result < low or result > high or (above is not None and result <= above):
+        raise ValueError(f"{name} must be {allowed}, got {result!r}")
+    return result
+
+
+def _original(value: object) -> str:
+    return "no number" if value is None else f"{value!r} ({type(value).__name__})"
+
+
+def positive(name: str, value: object) -> float:
+    """A finite float > 0."""
+    return number(name, value, above=0.0)
+
+
+def positive_or_infinite(name: str, value: object) -> float:
+    """A float > 0; infinity means "no limit"."""
+    if isinstance(value, float) and value == math.inf:
+        return math.inf
+    return positive(name, value)
+
+
+def whole(name: str, value: object, low: int = 1) -> int:
+    """A whole number >= low."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+        raise TypeError(f"{name} must be a whole number >= {low}, got {value!r}")
+    if value < low:
+        raise ValueError(f"{name} must be a whole number >= {low}, got {value!r}")
+    return int(value)
+
+
+def choice(name: str, value: object, allowed: Iterable[str]) -> str:
+    """One of the allowed words; the error proposes the nearest."""
+    words = list(allowed)
+    if not isinstance(value, str):
+        raise TypeError(f"{name} must be one of {_listed(words)}, got {value!r}")
+    if value not in words:
+        raise ValueError(f"{name} must be one of {_listed(words)}, got {value!r}{_nearest(value, words)}")
+    return value
+
+
+def flag(name: str, value: object) -> bool:
+    """True or False and nothing else."""
+    if not isinstance(value, bool):
+        raise TypeError(f"{name} must be True or False, got {value!r}")
+    return value
+
+
+def known_keys(what: str, given: Iterable[Any], allowed: Iterable[str], error: type[Exception] = ValueError) -> None:
+    """Refuse a key that is not allowed, with the nearest that is."""
+    words = list(allowed)
+    for key in given:
+        if key not in words:
+            raise error(f"unknown {what} {key!r}{_nearest(str(key), words)} Allowed: {_listed(words)}")
+
+
+def _nearest(word: str, words: list[str]) -> str:
+    close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]!r}?" if close else "."
+
+
+def _listed(words: list[str]) -> str:
+    return ", ".join(repr(word) for word in words) if words else "none"
+
+
+def explain_keywords(cls: Class) -> Class:
+    """Decorate a dataclass so that an unknown keyword is answered with the nearest allowed one."""
+    original: Callable[..., None] = cls.__init__  # type: ignore[misc]
+    names = [field.name for field in dataclasses.fields(cls) if field.init]
+
+    @functools.wraps(original)
+    def explained(self: Any, *values: Any, **keywords: Any) -> None:
+        known_keys(f"keyword of {cls.__name__}", keywords, names, TypeError)
+        original(self, *values, **keywords)
+
+    cls.__init__ = explained  # type: ignore[misc]
+    return cls

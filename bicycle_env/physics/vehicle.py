@@ -1,0 +1,95 @@
+"""The parameters of one car."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from bicycle_env.physics.validation import explain_keywords, positive
+
+GRAVITY = 9.81  # m/s^2
+
+
+@explain_keywords
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Vehicle:
+    """A car as the single-track model sees it; immutable, SI units, cornering stiffness per AXLE (both tires).
+
+    All values must be finite and positive (ValueError, TypeError otherwise). The first six are Karnopp's
+    m, I_z, a, b, C_f, C_r; the lengths after them say how large the body is (lane departure, pictures) and where
+    the wheels are (four-wheel form, equations 6.1-6.5), and do not enter the equations of motion.
+    """
+
+    mass: float
+    """m, kg."""
+    yaw_inertia: float
+    """I_z about the vertical axis through the centre of mass, kg m^2."""
+    cg_to_front: float
+    """a, centre of mass to front axle, m."""
+    cg_to_rear: float
+    """b, centre of mass to rear axle, m."""
+    front_cornering_stiffness: float
+    """C_f, N/rad, both front tires together."""
+    rear_cornering_stiffness: float
+    """C_r, N/rad, both rear tires together."""
+    front_half_track: float = 0.77
+    """t_f, half of the front track width, m."""
+    rear_half_track: float = 0.77
+    """t_r, half of the rear track width, m."""
+    front_overhang: float = 0.9
+    """Front axle to the front end of the body, m."""
+    rear_overhang: float = 0.9
+    """Rear axle to the rear end of the body, m."""
+    body_width: float = 1.8
+    """Width of the body without mirrors, m."""
+    source: str = ""
+    """Where the numbers come from."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            if field.name == "source":
+                if not isinstance(self.source, str):
+                    raise TypeError(f"source must be a string, got {self.source!r}")
+            else:
+                object.__setattr__(self, field.name, positive(field.name, getattr(self, field.name)))
+
+    @property
+    def wheelbase(self) -> float:
+        """a + b, m."""
+        return self.cg_to_front + self.cg_to_rear
+
+    @property
+    def front_axle_load(self) -> float:
+        """Static vertical load m g b/(a+b) on the front axle, N."""
+        return self.mass * GRAVITY * self.cg_to_rear / self.wheelbase
+
+    @property
+    def rear_axle_load(self) -> float:
+        """Static vertical load m g a/(a+b) on the rear axle, N."""
+        return self.mass * GRAVITY * self.cg_to_front / self.wheelbase
+
+    @property
+    def front_extent(self) -> float:
+        """Centre of mass to the front end of the body, m."""
+        return self.cg_to_front + self.front_overhang
+
+    @property
+    def rear_extent(self) -> float:
+        """Centre of mass to the rear end of the body, m."""
+        return self.cg_to_rear + self.rear_overhang
+
+    @property
+    def body_length(self) -> float:
+        """Length of the body, m."""
+        return self.front_extent + self.rear_extent
+
+    @property
+    def critical_speed(self) -> float:
+        """U_crit of (6.17), m/s: an oversteering car is unstable above it; infinite when there is none."""
+        oversteer = (
+            self.cg_to_front * self.front_cornering_stiffness - self.cg_to_rear * self.rear_cornering_stiffness
+        )
+        if oversteer <= 0.0:
+            return math.inf
+        stiffness = self.front_cornering_stiffness * self.rear_cornering_stiffness
+        return self.wheelbase * math.sqrt(stiffness / (self.mass * oversteer))
