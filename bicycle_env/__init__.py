@@ -1,0 +1,18 @@
+"""Reinforcement learning and control of a car at and beyond its stability limit.
+
+Importing this package registers ``BicycleStab-v0`` and ``BicycleLaneChange-v0`` with Gymnasium.
+"""
+
+from bicycle_env import analysis
+from bicycle_env.physics import tires
+from bicycle_env.physics.actuators import Actuator
+from bicycle_env.physics.presets import vehicles
+from bicycle_env.physics.simulate import simulate
+from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.registration import register
+
+__version__ = "0.1.0"
+
+__all__ = ["Actuator", "Vehicle", "__version__", "analysis", "simulate", "tires", "vehicles"]
+
+register()

@@ -1,0 +1,64 @@
+"""The linear model of one control step: what the environments integrate, linearised at straight running."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_env.physics.actuators import Actuator
+from bicycle_env.physics.linear_single_track import input_matrix, state_matrix
+from bicycle_env.physics.vehicle import Vehicle
+
+STATE_NAMES = ("lateral_position", "heading", "lateral_velocity", "yaw_rate", "front_steer", "rear_steer")
+
+
+class LinearModel(NamedTuple):
+    """x_{k+1} = A x_k + B u_k with stage cost x'Qx + u'Ru; u is the ACTION, in [-1, 1]."""
+
+    A: NDArray[np.float64]
+    """(6, 6)."""
+    B: NDArray[np.float64]
+    """(6, number of steered axles)."""
+    Q: NDArray[np.float64]
+    """(6, 6), diagonal."""
+    R: NDArray[np.float64]
+    """(steered axles, steered axles), diagonal."""
+    timestep: float
+    """Control timestep, s."""
+    state_names: tuple[str, ...]
+    input_names: tuple[str, ...]
+    input_scale: NDArray[np.float64]
+    """Commanded road-wheel angle per unit of action, rad: divide the columns of B by it for inputs in rad."""
+
+
+def continuous_model(
+    vehicle: Vehicle, speed: float, actuators: tuple[Actuator, Actuator]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A (6, 6) and B (6, 2) of x' = A x + B u for the states ``STATE_NAMES``; u: commanded angles (front, rear), rad.
+
+    Lateral position by y' = V + U psi, steer angles by their first-order lags; no limits.
+    """
+    a = np.zeros((6, 6))
+    b = np.zeros((6, 2))
+    a[0, 1], a[0, 2], a[1, 3] = speed, 1.0, 1.0
+    a[2:4, 2:4] = state_matrix(vehicle, speed)
+    a[2:4, 4:6] = input_matrix(vehicle)
+    for k, actuator in enumerate(actuators):
+        a[4 + k, 4 + k] = -1.0 / actuator.time_constant
+        b[4 + k, k] = 1.0 / actuator.time_constant
+    return a, b
+
+
+def rk4_map(
+    a: NDArray[np.float64], b: NDArray[np.float64], timestep: float, substeps: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(A, B) of the map that `substeps` RK4 steps make of x' = a x + b u with u held: exact, not the exponential."""
+    n, inputs = b.shape
+    z = np.zeros((n + inputs, n + inputs))
+    z[:n, :n], z[:n, n:] = a, b
+    z *= timestep / substeps
+    one_step = np.eye(n + inputs) + z @ (np.eye(n + inputs) + z / 2 @ (np.eye(n + inputs) + z / 3 @ (np.eye(n + inputs) + z / 4)))
+    whole: Any = np.linalg.matrix_power(one_step, substeps)
+    return whole[:n, :n], whole[:n, n:]

@@ -1,0 +1,143 @@
+"""Stability, understeer and oversteer: closed forms of Karnopp, Vehicle Stability, ch. 6, (6.9)-(6.17), (6.24)-(6.27)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_env.physics import linear_single_track
+from bicycle_env.physics.validation import choice, positive
+from bicycle_env.physics.vehicle import Vehicle
+
+COORDINATES = ("body", "inertial")
+
+
+def critical_speed(vehicle: Vehicle) -> float:
+    """U_crit of (6.17), m/s; infinite for a car that does not oversteer."""
+    return vehicle.critical_speed
+
+
+def characteristic_speed(vehicle: Vehicle) -> float:
+    """U_ch, m/s, at which an understeering car's yaw-rate gain is half of a neutral one's; infinite otherwise."""
+    gradient = understeer_gradient(vehicle)
+    return math.sqrt(vehicle.wheelbase / gradient) if gradient > 0.0 else math.inf
+
+
+def understeer_gradient(vehicle: Vehicle) -> float:
+    """K = m (b Cr - a Cf) / ((a+b) Cf Cr), rad per m/s^2 at the road wheels; positive = understeer."""
+    front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
+    return vehicle.mass * _balance(vehicle) / (vehicle.wheelbase * front * rear)
+
+
+def static_margin(vehicle: Vehicle) -> float:
+    """(a Cf - b Cr) / ((a+b)(Cf + Cr)), dimensionless; negative = understeer."""
+    total = vehicle.front_cornering_stiffness + vehicle.rear_cornering_stiffness
+    return -_balance(vehicle) / (vehicle.wheelbase * total)
+
+
+def tangent_speed(vehicle: Vehicle) -> float:
+    """The speed at which the steady sideslip of a turn changes sign, sqrt(b (a+b) Cr / (a m)), m/s."""
+    b_over_a = vehicle.cg_to_rear / vehicle.cg_to_front
+    return math.sqrt(b_over_a * vehicle.wheelbase * vehicle.rear_cornering_stiffness / vehicle.mass)
+
+
+def stability_criterion(vehicle: Vehicle, speed: float) -> float:
+    """Left side of (6.14), (a+b)^2 Cf Cr / U^2 + m (b Cr - a Cf), N^2 m^2 s^2/m^2: positive = stable.
+
+    Raises ValueError or TypeError for a speed that is not positive and finite.
+    """
+    speed = positive("speed", speed)
+    front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
+    return vehicle.wheelbase**2 * front * rear / speed**2 + vehicle.mass * _balance(vehicle)
+
+
+def is_stable(vehicle: Vehicle, speed: float) -> bool:
+    """Whether straight running at a speed [m/s] is asymptotically stable; False exactly at the limit."""
+    return stability_criterion(vehicle, speed) > 0.0
+
+
+def state_matrix(vehicle: Vehicle, speed: float) -> NDArray[np.float64]:
+    """A (2, 2), body-fixed, (6.24); state (lateral_velocity, yaw_rate). Raises as :func:`stability_criterion`."""
+    return linear_single_track.state_matrix(vehicle, positive("speed", speed))
+
+
+def input_matrix(vehicle: Vehicle, speed: float) -> NDArray[np.float64]:
+    """B (2, 2), body-fixed, (6.24); inputs (front_steer, rear_steer). Raises as :func:`stability_criterion`."""
+    positive("speed", speed)
+    return linear_single_track.input_matrix(vehicle)
+
+
+def characteristic_polynomial(vehicle: Vehicle, speed: float, coordinates: str = "body") -> NDArray[np.float64]:
+    """Coefficients, highest power first, leading m Iz: Delta(s) of (6.27), or s^2 Delta(s) of (6.10)-(6.12).
+
+    Raises ValueError or TypeError for a bad speed or coordinates other than "body" and "inertial".
+    """
+    choice("coordinates", coordinates, COORDINATES)
+    criterion = stability_criterion(vehicle, speed)
+    m, inertia = vehicle.mass, vehicle.yaw_inertia
+    a, b = vehicle.cg_to_front, vehicle.cg_to_rear
+    front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
+    damping = (m * (a * a * front + b * b * rear) + inertia * (front + rear)) / speed
+    body = np.array([m * inertia, damping, criterion])
+    return body if coordinates == "body" else np.append(body, [0.0, 0.0])
+
+
+def eigenvalues(vehicle: Vehicle, speed: float, coordinates: str = "body") -> NDArray[np.complex128]:
+    """Eigenvalues of straight running, 1/s: 2 in body-fixed coordinates; with two zeros added in inertial ones.
+
+    Raises as :func:`characteristic_polynomial`.
+    """
+    choice("coordinates", coordinates, COORDINATES)
+    body = np.linalg.eigvals(state_matrix(vehicle, speed)).astype(np.complex128)
+    return body if coordinates == "body" else np.append(body, [0.0, 0.0])
+
+
+def steady_state_gain(vehicle: Vehicle, speed: float, input: str = "front_steer", output: str = "yaw_rate") -> float:
+    """Steady response to a constant steer angle, per rad: lateral_velocity, yaw_rate, lateral_acceleration, sideslip.
+
+    Above the critical speed it is the (unstable) equilibrium's value. Raises ValueError or TypeError for an unknown
+    input or output, a bad speed, or a car exactly at its critical speed, where there is no such equilibrium.
+    """
+    column = ("front_steer", "rear_steer").index(choice("input", input, ("front_steer", "rear_steer")))
+    choice("output", output, ("lateral_velocity", "yaw_rate", "lateral_acceleration", "sideslip"))
+    if stability_criterion(vehicle, speed) == 0.0:
+        raise ValueError(f"speed must differ from the critical speed {critical_speed(vehicle):g} m/s, got {speed:g}")
+    state = -np.linalg.solve(state_matrix(vehicle, speed), input_matrix(vehicle, speed)[:, column])
+    gains = {
+        "lateral_velocity": state[0],
+        "yaw_rate": state[1],
+        "lateral_acceleration": state[1] * speed,
+        "sideslip": state[0] / speed,
+    }
+    return float(gains[output])
+
+
+class Stability(NamedTuple):
+    """``env.unwrapped.stability``: straight running without steering."""
+
+    critical_speed: float
+    """m/s, infinite if there is none."""
+    speed_ratio: float
+    """speed / critical_speed; 0 if there is none."""
+    eigenvalues: Any
+    """(2,) complex, 1/s."""
+    time_to_double: float
+    """s in which the fastest growing deviation doubles; infinite for a stable car."""
+
+
+def stability(vehicle: Vehicle, speed: float) -> Stability:
+    """Gather the open-loop figures. Raises as :func:`stability_criterion`."""
+    values = eigenvalues(vehicle, speed)
+    growth = float(np.max(values.real))
+    critical = critical_speed(vehicle)
+    return Stability(critical, speed / critical, values, math.log(2.0) / growth if growth > 0.0 else math.inf)
+
+
+def _balance(vehicle: Vehicle) -> float:
+    """b Cr - a Cf: positive = understeer (6.15), negative = oversteer (6.16)."""
+    return (
+        vehicle.cg_to_rear * vehicle.rear_cornering_stiffness - vehicle.cg_to_front * vehicle.front_cornering_stiffness
+    )

@@ -1,0 +1,6 @@
+"""Gymnasium environments over the tasks and the physics."""
+
+from bicycle_env.envs.bicycle_lane_change import BicycleLaneChangeEnv
+from bicycle_env.envs.bicycle_stab import BicycleStabEnv
+
+__all__ = ["BicycleLaneChangeEnv", "BicycleStabEnv"]

@@ -1,0 +1,366 @@
+"""The Gymnasium environment: one car, any task. It holds the arrays and asks the compiled kernels; no physics here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import logger, spaces
+from numpy.typing import NDArray
+
+from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuous_model, rk4_map
+from bicycle_env.analysis.stability import Stability, stability
+from bicycle_env.envs import kernels
+from bicycle_env.physics import tires
+from bicycle_env.physics.actuators import FRONT, REAR, Actuator
+from bicycle_env.physics.integrators import check_timestep
+from bicycle_env.physics.linear_single_track import fastest_rate
+from bicycle_env.physics.presets import resolve_vehicle
+from bicycle_env.physics.simulate import resolve_geometry
+from bicycle_env.physics.single_track import Axles, CarState, car_on_road
+from bicycle_env.physics.validation import choice, flag, known_keys, positive, whole
+from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.tasks.rewards import REWARDS
+from bicycle_env.tasks.task import SETTLED_SECONDS, Task, checked_state
+
+STEER_MODES = ("front", "rear", "both")
+RENDER_MODES = ("human", "rgb_array")
+DEFAULT_SPEED_RATIO = 1.2
+
+
+class Snapshot(NamedTuple):
+    """All that the future of an environment depends on; made by ``snapshot()``, taken by ``restore()``."""
+
+    row: NDArray[np.float64]
+    end: int
+    generator: Any
+
+
+class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """Base of the environments; the subclasses name a task and document it."""
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 50}
+    task_class: ClassVar[type[Task]]
+
+    def __init__(
+        self,
+        *,
+        vehicle: str | Vehicle = "oversteer",
+        tire: str | tires.Tire = "fiala",
+        speed: float | None = None,
+        speed_ratio: float | None = None,
+        steer: str = "both",
+        friction: float = 1.0,
+        geometry: str | None = None,
+        front_actuator: Actuator = FRONT,
+        rear_actuator: Actuator = REAR,
+        control_timestep: float = 0.02,
+        physics_timestep: float = 0.004,
+        reward: str = "default",
+        horizon: int | None = None,
+        telemetry: bool = False,
+        render_mode: str | None = None,
+        **task_keywords: Any,
+    ) -> None:
+        self.task = make_task(self.task_class, task_keywords)
+        self.vehicle = resolve_vehicle(vehicle)
+        self.tire = tires.resolve(tire)
+        self.speed = resolve_speed(self.vehicle, speed, speed_ratio)
+        self.steer = choice("steer", steer, STEER_MODES)
+        self.friction = positive("friction", friction)
+        self.geometry = resolve_geometry(geometry, self.tire)
+        self.reward = choice("reward", reward, REWARDS)
+        self.horizon = whole("horizon", self.task.episode_steps if horizon is None else horizon)
+        self.telemetry = flag("telemetry", telemetry)
+        self.render_mode = None if render_mode is None else choice("render_mode", render_mode, RENDER_MODES)
+        self.front_actuator = _actuator("front_actuator", front_actuator)
+        self.rear_actuator = _actuator("rear_actuator", rear_actuator)
+        self.control_timestep = positive("control_timestep", control_timestep)
+        self.physics_timestep = positive("physics_timestep", physics_timestep)
+        lags = (1.0 / self.front_actuator.time_constant, 1.0 / self.rear_actuator.time_constant)
+        check_timestep("physics_timestep", self.physics_timestep, max(fastest_rate(self.vehicle, self.speed), *lags))
+        self.substeps = _substeps(self.control_timestep, self.physics_timestep)
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.control_timestep)}
+
+        limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
+        self.observation_entries = self.task.entries(self.speed, *limits)
+        self.observation_names = tuple(entry.name for entry in self.observation_entries)
+        self.observation_scale = np.array([entry.scale for entry in self.observation_entries])
+        self.observation_mirror = np.full(len(self.observation_entries), -1.0)
+        bound = np.array([entry.bound for entry in self.observation_entries], dtype=np.float32)
+        self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
+        axles = 2 if self.steer == "both" else 1
+        self.action_space = spaces.Box(-1.0, 1.0, (axles,), np.float32)
+
+        self._rules = self.task.rules(
+            control_timestep=self.control_timestep,
+            substeps=self.substeps,
+            horizon=self.horizon,
+            front_column=0 if self.steer in ("front", "both") else -1,
+            rear_column={"front": -1, "rear": 0, "both": 1}[self.steer],
+        )
+        self._world = kernels.world_row(
+            car_on_road(self.vehicle, self.speed, self.friction, self.front_actuator, self.rear_actuator),
+            self._rules,
+            self.task.settings(self.speed),
+            self.observation_scale,
+            bound,
+            self.task.preview_times,
+        )
+        self._row = np.full(kernels.row_size(self.task), math.nan)
+        self._action = np.zeros(axles)
+        self._observation_size = len(bound)
+        self._ends = ("", "spun", self.task.left_name)
+        self._end = kernels.BAD_ACTION  # not yet reset
+        self._warned = False
+        self._viewer: Any = None
+        self._bind()
+
+    def _bind(self) -> None:
+        self._kernels = kernels.kernels(self.task, self._observation_size, self.tire, self.geometry, self.reward)
+
+    # Gymnasium's interface
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: makes this and the following episodes repeatable.
+            options: ``{"state": {name: value}}`` starts from that state, names not given being 0; the task's own
+                options are named in its documentation. A start takes the same random numbers with or without.
+
+        Raises:
+            ValueError, TypeError: an unknown option or state name, a value that is not finite or out of range.
+        """
+        given = self.task.check_options(options)
+        limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
+        state = checked_state(given["state"], *limits) if "state" in given else None
+        self.task.route_with(self.task.Route(*([0.0] * len(self.task.Route._fields))), given, self.speed)
+        super().reset(seed=seed)
+        observation = np.empty(self._observation_size, np.float32)
+        self._kernels.start(self._row, self._world, self.np_random.random(self.task.uniforms), observation)
+        if given:
+            if state is not None:
+                self._row[: kernels.STEPS] = [state.get(name, 0.0) for name in self.task.State._fields[: kernels.STEPS]]
+            route = self.task.Route(*self._row[kernels.MEMORY :])
+            self._row[kernels.MEMORY :] = self.task.route_with(route, given, self.speed)
+            self._kernels.look(self._row, self._world, observation)
+        self._end = 0
+        self._warned = False
+        if self._viewer is not None:
+            self._viewer.start()
+        if self.render_mode == "human":
+            self.render()
+        return observation, self._info(0.0)
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Hold an action for one control step; finite values outside [-1, 1] saturate.
+
+        Raises:
+            ValueError, TypeError: an action of the wrong shape or type, or not finite; nothing has changed then.
+            gymnasium.error.ResetNeeded: there was no reset.
+        """
+        if self._end != 0:
+            return self._after_the_end()
+        if type(action) is not np.ndarray or action.shape != self._action.shape or action.dtype.kind not in "fiu":
+            action = self._converted(action)
+        self._action[:] = action
+        observation = np.empty(self._observation_size, np.float32)
+        reward, end, cost = self._kernels.step(self._row, self._world, self._action, observation)
+        if end:
+            if end == kernels.BAD_ACTION:
+                raise ValueError(f"action must be finite numbers, nominally in [-1, 1], got {action!r}")
+            self._end = end
+        if self.telemetry or self.render_mode == "human":
+            if self.render_mode == "human":
+                self.render()
+            return observation, reward, end > 0, False, self._info(cost)
+        return observation, reward, end > 0, False, {"end": self._ends[end], "cost": cost}
+
+    def render(self) -> Any:
+        """Draw the present state: an array (height, width, 3) of uint8 for "rgb_array", a window for "human"."""
+        if self.render_mode is None:
+            logger.warn("render() needs render_mode='rgb_array' or 'human' in gym.make")
+            return None
+        if self._end == kernels.BAD_ACTION:
+            raise gym.error.ResetNeeded("call reset() before render()")
+        if self._viewer is None:
+            from bicycle_env.rendering.viewer import Viewer
+
+            self._viewer = Viewer(self)
+        return self._viewer.draw()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None
+
+    # What else a user may ask
+
+    @property
+    def state(self) -> Any:
+        """The present state as a named tuple of floats, SI units."""
+        values = self._row.tolist()
+        steps, route = values[kernels.STEPS], values[kernels.MEMORY :]
+        return self.task.State(*values[: kernels.STEPS], steps * self.control_timestep, *route)
+
+    @property
+    def is_success(self) -> bool:
+        """Whether the car is running and has been settled for the last second: at a time-out, a success."""
+        needed = round(SETTLED_SECONDS / self.control_timestep)
+        return self._end == 0 and bool(self._row[kernels.SETTLED] >= needed)
+
+    @property
+    def stability(self) -> Stability:
+        """Straight running without steering: critical_speed, speed_ratio, eigenvalues, time_to_double."""
+        return stability(self.vehicle, self.speed)
+
+    def linear_model(self) -> LinearModel:
+        """What one control step integrates, linearised at straight running; exact for the linear tire, small angles."""
+        columns = [k for k, column in enumerate((self._rules.front_column, self._rules.rear_column)) if column >= 0]
+        actuators = (self.front_actuator, self.rear_actuator)
+        scale = np.array([actuators[k].angle_limit for k in columns])
+        a, b = continuous_model(self.vehicle, self.speed, actuators)
+        a, b = rk4_map(a, b[:, columns] * scale, self.control_timestep, self.substeps)
+        rules = self._rules
+        state_costs = (
+            rules.lateral_cost,
+            rules.heading_cost,
+            rules.lateral_velocity_cost,
+            rules.yaw_rate_cost,
+            rules.front_steer_cost,
+            rules.rear_steer_cost,
+        )
+        command_costs = [(rules.front_command_cost, rules.rear_command_cost)[k] for k in columns]
+        names = [("front_steer_command", "rear_steer_command")[k] for k in columns]
+        return LinearModel(
+            a, b, np.diag(state_costs), np.diag(command_costs), self.control_timestep, STATE_NAMES, tuple(names), scale
+        )
+
+    def measure(self) -> dict[str, float]:
+        """Slip angles, forces, accelerations and the reference in the present state, by the names of the telemetry."""
+        out = np.empty(len(kernels.TELEMETRY))
+        self._kernels.measure(self._row, self._world, out)
+        return dict(zip(kernels.TELEMETRY, out.tolist(), strict=True))
+
+    def snapshot(self) -> Snapshot:
+        """The whole state, random generator included."""
+        return Snapshot(self._row.copy(), self._end, self.np_random.bit_generator.state)
+
+    def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
+        """Return to a snapshot of this or of an equally made environment; gives the observation there."""
+        if not isinstance(snapshot, Snapshot) or snapshot.row.shape != self._row.shape:
+            raise TypeError(f"snapshot must come from snapshot() of the same environment id, got {type(snapshot)!r}")
+        self._row[:] = snapshot.row
+        self._end = snapshot.end
+        self.np_random.bit_generator.state = snapshot.generator
+        return self._look()
+
+    # Inner workings
+
+    def _look(self) -> NDArray[np.float32]:
+        observation = np.empty(self._observation_size, np.float32)
+        self._kernels.look(self._row, self._world, observation)
+        return observation
+
+    def _info(self, cost: float) -> dict[str, Any]:
+        info: dict[str, Any] = {"end": self._ends[self._end], "cost": cost}
+        if self.telemetry:
+            info.update(self._telemetry())
+        return info
+
+    def _telemetry(self) -> dict[str, Any]:
+        state, measured = self.state, self.measure()
+        telemetry: dict[str, Any] = {name: measured[name] for name in Axles._fields}
+        telemetry["sideslip"] = state.lateral_velocity / self.speed
+        for axle, load in (("front", self.vehicle.front_axle_load), ("rear", self.vehicle.rear_axle_load)):
+            telemetry[f"{axle}_saturation"] = abs(measured[f"{axle}_lateral_force"]) / (self.friction * load)
+        telemetry["lateral_error"] = state.lateral_position - measured["reference_lateral_position"]
+        telemetry["heading_error"] = state.heading - measured["reference_heading"]
+        telemetry["is_success"] = self.is_success
+        return telemetry
+
+    def _converted(self, action: Any) -> NDArray[np.float64]:
+        shape = self._action.shape
+        try:
+            converted = np.asarray(action)
+        except ValueError:
+            converted = np.asarray(None)
+        if converted.dtype.kind not in "fiu":
+            raise TypeError(f"action must be {shape[0]} real numbers in [-1, 1], got {action!r}")
+        if converted.shape != shape:
+            raise ValueError(
+                f"action must have shape {shape} (steer={self.steer!r}), got shape {converted.shape}: {action!r}"
+            )
+        return converted
+
+    def _after_the_end(self) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        if self._end == kernels.BAD_ACTION:
+            raise gym.error.ResetNeeded("call reset() before step()")
+        if not self._warned:
+            self._warned = True
+            logger.warn("step() after the episode has ended: the car stays where it is; call reset()")
+        return self._look(), 0.0, True, False, self._info(0.0)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Compiled functions do not pickle and windows do not copy: both are made anew.
+        return {name: value for name, value in self.__dict__.items() if name not in ("_kernels", "_viewer")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._viewer = None
+        self._bind()
+
+
+def make_task(task_class: type[Task], keywords: dict[str, Any]) -> Task:
+    """A task from its keywords; TypeError names an unknown one and the nearest allowed."""
+    known_keys("keyword", keywords, keyword_names(task_class), TypeError)
+    return task_class(**keywords)
+
+
+def keyword_names(task_class: type[Task]) -> list[str]:
+    """All keywords of an environment: its own, then its task's."""
+    import inspect
+
+    own = [name for name in inspect.signature(SingleTrackEnv.__init__).parameters if name not in ("self", "task_keywords")]
+    if task_class.__init__ is object.__init__:
+        return own
+    return own + [name for name in inspect.signature(task_class).parameters]
+
+
+def resolve_speed(vehicle: Vehicle, speed: float | None, speed_ratio: float | None) -> float:
+    """The speed [m/s] from at most one of the two keywords; ValueError or TypeError otherwise."""
+    if speed is not None and speed_ratio is not None:
+        raise ValueError(f"give speed or speed_ratio, not both; got {speed!r} and {speed_ratio!r}")
+    if speed is not None:
+        return positive("speed", speed)
+    ratio = positive("speed_ratio", DEFAULT_SPEED_RATIO if speed_ratio is None else speed_ratio)
+    if math.isinf(vehicle.critical_speed):
+        raise ValueError(
+            f"speed_ratio must not be used (got {ratio:g}{' by default' if speed_ratio is None else ''}): this vehicle "
+            "does not oversteer and has no critical speed; give speed in m/s"
+        )
+    return ratio * vehicle.critical_speed
+
+
+def _actuator(name: str, value: object) -> Actuator:
+    if not isinstance(value, Actuator):
+        raise TypeError(f"{name} must be an Actuator(angle_limit, rate_limit, time_constant), got {value!r}")
+    return value
+
+
+def _substeps(control_timestep: float, physics_timestep: float) -> int:
+    substeps = round(control_timestep / physics_timestep)
+    if substeps < 1 or abs(substeps * physics_timestep - control_timestep) > 1e-9 * control_timestep:
+        raise ValueError(
+            f"physics_timestep must divide control_timestep = {control_timestep:g} s, got {physics_timestep:g}"
+        )
+    return substeps

@@ -1,0 +1,1 @@
+"""Tasks as pure functions: start, reference, observation, reward, end of episode."""

@@ -1,0 +1,57 @@
+"""When an episode ends, when the car counts as settled, and the safety cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from bicycle_env.physics.single_track import CarState
+from bicycle_env.tasks.task import Reference, World
+
+RUNNING, SPUN, LEFT = 0, 1, 2
+
+
+def end_code(xp: Any) -> Callable[[CarState, Reference, World], Any]:
+    """0 while running, 1 if the car has spun, 2 if its whole body has left the corridor."""
+
+    def end_code(state: CarState, reference: Reference, world: World) -> Any:
+        rules = world.rules
+        spun = (
+            (abs(state.lateral_velocity) > rules.sideslip_limit * world.car.speed)
+            | (abs(state.yaw_rate) > rules.yaw_rate_limit)
+            | (abs(state.heading) > rules.heading_limit)
+        )
+        left = abs(state.lateral_position - reference.road_centre) > rules.road_half_width + 0.5 * world.car.body_width
+        return xp.where(spun, SPUN, xp.where(left, LEFT, RUNNING))
+
+    return end_code
+
+
+def settled(xp: Any) -> Callable[[CarState, Reference, World], Any]:
+    """True where the car runs straight at its goal, within all four tolerances."""
+
+    def settled(state: CarState, reference: Reference, world: World) -> Any:
+        rules = world.rules
+        return (
+            (abs(state.lateral_position - reference.goal) < rules.lateral_tolerance)
+            & (abs(state.heading) < rules.heading_tolerance)
+            & (abs(state.lateral_velocity) < rules.sideslip_tolerance * world.car.speed)
+            & (abs(state.yaw_rate) < rules.yaw_rate_tolerance)
+        )
+
+    return settled
+
+
+def corner_outside(xp: Any) -> Callable[[CarState, Reference, World], Any]:
+    """1.0 where a corner of the body is outside the corridor, else 0.0."""
+
+    def corner_outside(state: CarState, reference: Reference, world: World) -> Any:
+        car = world.car
+        sine = xp.sin(state.heading)
+        middle = state.lateral_position - reference.road_centre
+        front = abs(middle + car.front_extent * sine)
+        rear = abs(middle - car.rear_extent * sine)
+        reach = xp.maximum(front, rear) + 0.5 * car.body_width * abs(xp.cos(state.heading))
+        return xp.where(reach > world.rules.road_half_width, 1.0 + 0.0 * reach, 0.0)
+
+    return corner_outside

@@ -1,0 +1,223 @@
+"""The lane-change task: move one lane over along a smooth path, at a speed where the car is unstable by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from bicycle_env.physics.single_track import CarState
+from bicycle_env.physics.validation import choice, number, positive
+from bicycle_env.tasks.task import Entry, Memory, Reference, Rules, Task, World, fixed_entries, observed_car
+
+DIRECTIONS = {"left": 1.0, "right": -1.0, "random": 0.0}
+LATEST_START = 100.0  # s
+DURATION = 2.0  # s
+PREVIEW_POINTS_LIMIT = 500
+
+
+class LaneChangeState(NamedTuple):
+    """``env.unwrapped.state`` of BicycleLaneChange-v0; SI units."""
+
+    longitudinal_position: float
+    lateral_position: float
+    heading: float
+    lateral_velocity: float
+    yaw_rate: float
+    front_steer: float
+    rear_steer: float
+    front_steer_command: float
+    rear_steer_command: float
+    time: float
+    direction: float
+    change_start: float
+
+
+class Route(NamedTuple):
+    """The path of one episode."""
+
+    direction: Any
+    """+1 to the left, -1 to the right."""
+    change_start: Any
+    """Longitudinal position at which the change begins, m."""
+
+
+class Path(NamedTuple):
+    """The task's numbers."""
+
+    lane_width: Any
+    """m."""
+    change_length: Any
+    """Along the road, m."""
+    direction: Any
+    """+1, -1, or 0 for random."""
+    earliest_start: Any
+    """Longitudinal position, m."""
+    latest_start: Any
+    offset: Any
+    """Half-width of the uniform lateral start, m."""
+    heading: Any
+    """Half-width of the uniform start of the heading, rad."""
+
+
+class LaneChange(Task):
+    """Follow y(s) = W (10 s^3 - 15 s^4 + 6 s^5), s from 0 to 1 over the length of the change, then run straight."""
+
+    name = "lane_change"
+    episode_steps = 300
+    Route = Route
+    Settings = Path
+    State = LaneChangeState
+    uniforms = 4
+    left_name = "left_road"
+    options = ("direction", "change_start")
+
+    def __init__(
+        self,
+        direction: str = "random",
+        change_start: float | None = None,
+        duration: float | None = None,
+        length: float | None = None,
+        lane_width: float = 3.5,
+        preview_length: float = 1.2,
+        preview_spacing: float = 0.1,
+    ) -> None:
+        self.direction = DIRECTIONS[choice("direction", direction, DIRECTIONS)]
+        self.change_start = None if change_start is None else _checked_start("change_start", change_start)
+        if duration is not None and length is not None:
+            raise ValueError(f"give duration or length of the change, not both; got {duration!r} and {length!r}")
+        self.duration = positive("duration", DURATION if duration is None else duration)
+        self.length = None if length is None else positive("length", length)
+        self.lane_width = positive("lane_width", lane_width)
+        preview_length = number("preview_length", preview_length, 0.0)
+        preview_spacing = positive("preview_spacing", preview_spacing)
+        points = int(preview_length / preview_spacing + 1e-9)
+        if points > PREVIEW_POINTS_LIMIT:
+            raise ValueError(
+                f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT} points, got {points}"
+            )
+        self.preview_times = tuple(preview_spacing * (k + 1) for k in range(points))
+
+    def settings(self, speed: float) -> Path:
+        early, late = (0.5, 1.5) if self.change_start is None else (self.change_start, self.change_start)
+        return Path(
+            lane_width=self.lane_width,
+            change_length=self.length if self.length is not None else speed * self.duration,
+            direction=self.direction,
+            earliest_start=speed * early,
+            latest_start=speed * late,
+            offset=0.3,
+            heading=0.02,
+        )
+
+    def rules(self, **shared: float) -> Rules:
+        return Rules(
+            **shared,
+            road_half_width=self.lane_width,
+            sideslip_limit=0.8,
+            yaw_rate_limit=2.0,
+            heading_limit=1.2,
+            lateral_tolerance=0.3,
+            heading_tolerance=0.02,
+            sideslip_tolerance=0.02,
+            yaw_rate_tolerance=0.05,
+            lateral_weight=4.0,
+            heading_weight=20.0,
+            sideslip_weight=20.0,
+            yaw_rate_weight=0.0,
+            effort_weight=0.1,
+            smoothness_weight=0.2,
+            lateral_cost=1.0,
+            heading_cost=10.0,
+            lateral_velocity_cost=0.0,
+            yaw_rate_cost=1.0,
+            front_steer_cost=0.0,
+            rear_steer_cost=0.0,
+            front_command_cost=0.1,
+            rear_command_cost=0.1,
+        )
+
+    def start(self, xp: Any) -> Any:
+        def start(uniforms: Any, world: World) -> tuple[CarState, Route]:
+            path = world.settings
+            lateral_position = path.offset * (2.0 * uniforms[0] - 1.0)
+            heading = path.heading * (2.0 * uniforms[1] - 1.0)
+            change_start = path.earliest_start + (path.latest_start - path.earliest_start) * uniforms[2]
+            side = xp.where(uniforms[3] < 0.5, -1.0 + 0.0 * heading, 1.0)
+            direction = xp.where(path.direction == 0.0, side, path.direction)
+            zero = 0.0 * uniforms[0]
+            state = CarState(zero, lateral_position, heading, zero, zero, zero, zero)
+            return state, Route(direction, change_start)
+
+        return start
+
+    def reference(self, xp: Any) -> Any:
+        quintic = xp.function(quintic_path(xp))
+
+        def reference(state: CarState, route: Route, world: World) -> Reference:
+            lateral_position, slope = quintic(state.longitudinal_position, route, world)
+            goal = route.direction * world.settings.lane_width
+            return Reference(lateral_position, xp.atan(slope), goal, 0.5 * goal)
+
+        return reference
+
+    def observe(self, xp: Any) -> Any:
+        car = xp.function(observed_car(xp))
+        reference_law = xp.function(self.reference(xp))
+
+        def observe(state: CarState, memory: Memory, world: World) -> tuple[Any, ...]:
+            reference = reference_law(state, memory.route, world)
+            seen: tuple[Any, ...] = car(state, memory)
+            errors = (state.lateral_position - reference.lateral_position, state.heading - reference.heading)
+            return seen + errors  # noqa: RUF005 (numba adds tuples, it does not unpack them)
+
+        return observe
+
+    def preview(self, xp: Any) -> Any:
+        quintic = xp.function(quintic_path(xp))
+
+        def preview(state: CarState, route: Route, world: World, time: Any) -> Any:
+            ahead, _ = quintic(state.longitudinal_position + world.car.speed * time, route, world)
+            return ahead - state.lateral_position
+
+        return preview
+
+    def entries(self, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:
+        return (
+            *fixed_entries(speed, front_limit, rear_limit),
+            Entry("lateral_error", "m", 1.0, 10.0, "lateral position minus the path's"),
+            Entry("heading_error", "rad", 0.2, 10.0, "heading minus the path's"),
+            *(
+                Entry(f"preview_{time:g}s", "m", 1.0, 10.0, f"path {time:g} s ahead minus lateral position")
+                for time in self.preview_times
+            ),
+        )
+
+    def route_with(self, route: Any, options: Mapping[str, Any], speed: float) -> Any:
+        if "direction" in options:
+            side = DIRECTIONS[choice("options['direction']", options["direction"], ("left", "right"))]
+            route = route._replace(direction=side)
+        if "change_start" in options:
+            begin = _checked_start("options['change_start']", options["change_start"])
+            route = route._replace(change_start=speed * begin)
+        return route
+
+
+def _checked_start(name: str, value: object) -> float:
+    return number(name, value, 0.0, LATEST_START)
+
+
+def quintic_path(xp: Any) -> Any:
+    """``(lateral position [m], slope dy/dx)`` of the path at a longitudinal position; flat outside of the change."""
+
+    def quintic(longitudinal_position: Any, route: Route, world: World) -> tuple[Any, Any]:
+        path = world.settings
+        s = (longitudinal_position - route.change_start) / path.change_length
+        s = xp.minimum(xp.maximum(s, 0.0), 1.0)
+        width = route.direction * path.lane_width
+        rest = 1.0 - s
+        return (
+            width * (s * s * s * (10.0 - s * (15.0 - 6.0 * s))),
+            width * (30.0 * s * s * (rest * rest)) / path.change_length,
+        )
+
+    return quintic

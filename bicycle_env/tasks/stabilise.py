@@ -1,0 +1,115 @@
+"""The stabilisation task: catch a car that has begun to spin, and bring it back to straight running in its lane."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from bicycle_env.physics.single_track import CarState
+from bicycle_env.tasks.task import Entry, Memory, Reference, Rules, Task, World, fixed_entries, observed_car
+
+
+class StabiliseState(NamedTuple):
+    """``env.unwrapped.state`` of BicycleStab-v0; SI units."""
+
+    longitudinal_position: float
+    lateral_position: float
+    heading: float
+    lateral_velocity: float
+    yaw_rate: float
+    front_steer: float
+    rear_steer: float
+    front_steer_command: float
+    rear_steer_command: float
+    time: float
+
+
+class NoRoute(NamedTuple):
+    """The task draws nothing beside the car's state."""
+
+
+class StartBox(NamedTuple):
+    """Half-widths of the uniform start."""
+
+    lateral_position: Any
+    course: Any
+    sideslip: Any
+    yaw_rate: Any
+
+
+class Stabilise(Task):
+    """The car still travels along its lane (its course is small) but its body is turned and turning.
+
+    Lateral position, course (heading + sideslip), sideslip and yaw rate are uniform in a box; the heading follows.
+    """
+
+    name = "stabilise"
+    episode_steps = 400
+    Route = NoRoute
+    Settings = StartBox
+    State = StabiliseState
+    uniforms = 4
+    left_name = "left_lane"
+
+    def settings(self, speed: float) -> StartBox:
+        return StartBox(lateral_position=0.4, course=0.02, sideslip=0.3, yaw_rate=0.8)
+
+    def rules(self, **shared: float) -> Rules:
+        return Rules(
+            **shared,
+            road_half_width=1.75,
+            sideslip_limit=0.8,
+            yaw_rate_limit=2.0,
+            heading_limit=1.2,
+            lateral_tolerance=0.5,
+            heading_tolerance=0.02,
+            sideslip_tolerance=0.02,
+            yaw_rate_tolerance=0.05,
+            lateral_weight=1.0,
+            heading_weight=20.0,
+            sideslip_weight=20.0,
+            yaw_rate_weight=2.0,
+            effort_weight=0.2,
+            smoothness_weight=0.2,
+            lateral_cost=0.25,
+            heading_cost=10.0,
+            lateral_velocity_cost=0.0,
+            yaw_rate_cost=4.0,
+            front_steer_cost=0.0,
+            rear_steer_cost=0.0,
+            front_command_cost=0.1,
+            rear_command_cost=0.1,
+        )
+
+    def start(self, xp: Any) -> Any:
+        def start(uniforms: Any, world: World) -> tuple[CarState, NoRoute]:
+            box = world.settings
+            lateral_position = box.lateral_position * (2.0 * uniforms[0] - 1.0)
+            course = box.course * (2.0 * uniforms[1] - 1.0)
+            sideslip = box.sideslip * (2.0 * uniforms[2] - 1.0)
+            yaw_rate = box.yaw_rate * (2.0 * uniforms[3] - 1.0)
+            zero = 0.0 * uniforms[0]
+            state = CarState(
+                zero, lateral_position, course - sideslip, sideslip * world.car.speed, yaw_rate, zero, zero
+            )
+            return state, NoRoute()
+
+        return start
+
+    def reference(self, xp: Any) -> Any:
+        def reference(state: CarState, route: NoRoute, world: World) -> Reference:
+            zero = 0.0 * state.lateral_position
+            return Reference(zero, zero, zero, zero)
+
+        return reference
+
+    def observe(self, xp: Any) -> Any:
+        car = xp.function(observed_car(xp))
+
+        def observe(state: CarState, memory: Memory, world: World) -> tuple[Any, ...]:
+            observed: tuple[Any, ...] = car(state, memory)
+            return observed
+
+        return observe
+
+    def entries(self, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:
+        return fixed_entries(speed, front_limit, rear_limit)
