@@ -34,12 +34,12 @@ def series(function, at_zero):
 
 
 def main():
-    quarter = mp.pi / 4 * mp.mpf("1.001")
+    half = mp.pi / 2 * mp.mpf("1.001")
     eighth = mp.tan(mp.pi / 8) * mp.mpf("1.001")
     table = {
-        # sin x = x + x z S(z), cos x = 1 - z/2 + z^2 C(z), z = x^2, |x| <= pi/4
-        "SIN": fit(series(lambda z: (mp.sin(mp.sqrt(z)) / mp.sqrt(z) - 1) / z, mp.mpf(-1) / 6), quarter**2, 5),
-        "COS": fit(series(lambda z: (mp.cos(mp.sqrt(z)) - 1 + z / 2) / z**2, mp.mpf(1) / 24), quarter**2, 5),
+        # sin x = x + x z S(z), cos x = 1 - z/2 + z^2 C(z), z = x^2, |x| <= pi/2
+        "SIN": fit(series(lambda z: (mp.sin(mp.sqrt(z)) / mp.sqrt(z) - 1) / z, mp.mpf(-1) / 6), half**2, 7),
+        "COS": fit(series(lambda z: (mp.cos(mp.sqrt(z)) - 1 + z / 2) / z**2, mp.mpf(1) / 24), half**2, 6),
         # atan x = x + x z A(z), z = x^2, |x| <= tan(pi/8)
         "ATAN": fit(series(lambda z: (mp.atan(mp.sqrt(z)) / mp.sqrt(z) - 1) / z, mp.mpf(-1) / 3), eighth**2, 10),
         # expm1 y = y + y^2 E(y), 0 <= y <= 5/8

@@ -59,6 +59,8 @@ def rk4_map(
     z = np.zeros((n + inputs, n + inputs))
     z[:n, :n], z[:n, n:] = a, b
     z *= timestep / substeps
-    one_step = np.eye(n + inputs) + z @ (np.eye(n + inputs) + z / 2 @ (np.eye(n + inputs) + z / 3 @ (np.eye(n + inputs) + z / 4)))
+    one_step = np.eye(n + inputs) + z @ (
+        np.eye(n + inputs) + z / 2 @ (np.eye(n + inputs) + z / 3 @ (np.eye(n + inputs) + z / 4))
+    )
     whole: Any = np.linalg.matrix_power(one_step, substeps)
     return whole[:n, :n], whole[:n, n:]

@@ -1,12 +1,14 @@
 """Compiled start, step and look of one task on one car: the tasks' pure functions over flat arrays.
 
-An episode lives in one float64 row: CarState, the four numbers of Memory, the route. What stays the same lies in a
-second one: Car, Rules, the task's settings, then scale and bound of each observation entry and the preview times.
+All numbers of an environment lie in one float64 array, because handing an array to compiled code takes as long as a
+tenth of a step. First the episode: CarState, the four numbers of Memory, the route. Then what stays the same: Car,
+Rules, the task's settings, scale and bound of each observation entry, the preview times.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -40,33 +42,35 @@ _observation = numba.float32[::1]
 class Kernels(NamedTuple):
     """The compiled functions of one combination."""
 
-    start: Callable[[Row, Row, Row, Any], None]
-    """``start(row, world, uniforms, observation)``."""
-    look: Callable[[Row, Row, Any], None]
-    """``look(row, world, observation)``: the observation of the row as it is."""
-    step: Callable[[Row, Row, Row, Any], tuple[float, int, float]]
-    """``step(row, world, action, observation) -> (reward, end, cost)``."""
-    measure: Callable[[Row, Row, Row], None]
-    """``measure(row, world, out)``: the values of ``TELEMETRY``."""
+    start: Callable[[Row, Any, Row], None]
+    """``start(memory, observation, uniforms)``."""
+    look: Callable[[Row, Any], None]
+    """``look(memory, observation)``: the observation of the episode as it is."""
+    step: Callable[[Row, Any, float, float], tuple[float, int, float]]
+    """``step(memory, observation, front, rear) -> (reward, end, cost)``; front and rear are actions."""
+    measure: Callable[[Row, Row], None]
+    """``measure(memory, out)``: the values of ``TELEMETRY``."""
 
 
-def row_size(task: Task) -> int:
+def episode_size(task: Task) -> int:
+    """How many numbers of the memory belong to the episode."""
     return MEMORY + len(task.Route._fields)
 
 
-def world_row(car: Car, rules: Rules, settings: Any, scale: Any, bound: Any, preview_times: Any) -> Row:
-    """All constants of an episode in one array."""
-    return np.array([*car, *rules, *settings, *scale, *bound, *preview_times], dtype=np.float64)
+def new_memory(task: Task, car: Car, rules: Rules, settings: Any, scale: Any, bound: Any) -> Row:
+    """The array of one environment, its episode not yet started."""
+    episode = [math.nan] * episode_size(task)
+    return np.array([*episode, *car, *rules, *settings, *scale, *bound, *task.preview_times], dtype=np.float64)
 
 
 @functools.cache
-def _kernels(
-    task_class: type[Task], entries: int, previews: int, tire: Tire, geometry: str, reward: str
-) -> Kernels:
+def _kernels(task_class: type[Task], entries: int, previews: int, tire: Tire, geometry: str, reward: str) -> Kernels:
     task = task_class()
     Route, Settings = task.Route, task.Settings
     route_size, settings_size = len(Route._fields), len(Settings._fields)
-    own, scales = CAR + RULES, CAR + RULES + settings_size
+    cars = MEMORY + route_size
+    rules, own = cars + CAR, cars + CAR + RULES
+    scales = own + settings_size
     bounds, times = scales + entries, scales + 2 * entries
     fixed = entries - previews
 
@@ -78,86 +82,80 @@ def _kernels(
     axles_law = NUMBA.function(axles(NUMBA, tire, geometry))
 
     @NUMBA.function
-    def world_of(numbers: Any) -> World:
+    def world_of(memory: Any) -> World:
         return World(
-            Car(*to_fixed_tuple(numbers[:CAR], CAR)),
-            Rules(*to_fixed_tuple(numbers[CAR:own], RULES)),
-            Settings(*to_fixed_tuple(numbers[own:scales], settings_size)),
+            Car(*to_fixed_tuple(memory[cars:rules], CAR)),
+            Rules(*to_fixed_tuple(memory[rules:own], RULES)),
+            Settings(*to_fixed_tuple(memory[own:scales], settings_size)),
         )
 
     @NUMBA.function
-    def state_of(row: Any) -> CarState:
-        return CarState(*to_fixed_tuple(row[:STATE], STATE))
+    def state_of(memory: Any) -> CarState:
+        return CarState(*to_fixed_tuple(memory[:STATE], STATE))
 
     @NUMBA.function
-    def memory_of(row: Any) -> Memory:
-        route = Route(*to_fixed_tuple(row[MEMORY:], route_size))
-        return Memory(row[STATE], row[STATE + 1], row[STEPS], row[SETTLED], route)
+    def remembered(memory: Any) -> Memory:
+        route = Route(*to_fixed_tuple(memory[MEMORY:cars], route_size))
+        return Memory(memory[STATE], memory[STATE + 1], memory[STEPS], memory[SETTLED], route)
 
     @NUMBA.function
-    def keep(state: CarState, memory: Memory, row: Any) -> None:
+    def keep(state: CarState, kept: Memory, memory: Any) -> None:
         for j in range(STATE):
-            row[j] = state[j]
-        row[STATE] = memory.front_steer_command
-        row[STATE + 1] = memory.rear_steer_command
-        row[STEPS] = memory.steps
-        row[SETTLED] = memory.settled_steps
+            memory[j] = state[j]
+        memory[STATE] = kept.front_steer_command
+        memory[STATE + 1] = kept.rear_steer_command
+        memory[STEPS] = kept.steps
+        memory[SETTLED] = kept.settled_steps
 
-    def nothing_to_keep(route: Any, row: Any) -> None:
+    def nothing_to_keep(route: Any, memory: Any) -> None:
         return  # numba cannot index an empty tuple
 
-    def keep_all(route: Any, row: Any) -> None:
+    def keep_all(route: Any, memory: Any) -> None:
         for j in range(route_size):
-            row[MEMORY + j] = route[j]
+            memory[MEMORY + j] = route[j]
 
     keep_route = NUMBA.function(keep_all if route_size else nothing_to_keep)
 
     @NUMBA.function
-    def write(state: CarState, memory: Memory, world: World, numbers: Any, observation: Any) -> None:
-        values = observe_law(state, memory, world)
+    def write(state: CarState, kept: Memory, world: World, memory: Any, observation: Any) -> None:
+        values = observe_law(state, kept, world)
         for j in range(fixed):
-            observation[j] = values[j] / numbers[scales + j]
+            observation[j] = values[j] / memory[scales + j]
         for j in range(previews):
-            ahead = preview_law(state, memory.route, world, numbers[times + j])
-            observation[fixed + j] = ahead / numbers[scales + fixed + j]
+            ahead = preview_law(state, kept.route, world, memory[times + j])
+            observation[fixed + j] = ahead / memory[scales + fixed + j]
         for j in range(entries):
-            bound = np.float32(numbers[bounds + j])
+            bound = np.float32(memory[bounds + j])
             observation[j] = min(max(observation[j], -bound), bound)
 
-    def start(row: Any, numbers: Any, uniforms: Any, observation: Any) -> None:
-        world = world_of(numbers)
+    def start(memory: Any, observation: Any, uniforms: Any) -> None:
+        world = world_of(memory)
         state, route = start_law(uniforms, world)
         zero = 0.0 * uniforms[0]
-        memory = Memory(zero, zero, zero, zero, route)
-        keep(state, memory, row)
-        keep_route(route, row)
-        write(state, memory, world, numbers, observation)
+        kept = Memory(zero, zero, zero, zero, route)
+        keep(state, kept, memory)
+        keep_route(route, memory)
+        write(state, kept, world, memory, observation)
 
-    def look(row: Any, numbers: Any, observation: Any) -> None:
-        write(state_of(row), memory_of(row), world_of(numbers), numbers, observation)
+    def look(memory: Any, observation: Any) -> None:
+        write(state_of(memory), remembered(memory), world_of(memory), memory, observation)
 
-    def step(row: Any, numbers: Any, action: Any, observation: Any) -> tuple[float, int, float]:
-        for j in range(len(action)):
-            if not np.isfinite(action[j]):
-                return 0.0, BAD_ACTION, 0.0
-        world = world_of(numbers)
-        rules = world.rules
-        front = rear = 0.0
-        if rules.front_column >= 0.0:
-            front = min(max(action[int(rules.front_column)], -1.0), 1.0)
-        if rules.rear_column >= 0.0:
-            rear = min(max(action[int(rules.rear_column)], -1.0), 1.0)
-        state, memory, gained, end, cost = step_law(
-            state_of(row), memory_of(row), (front, rear), world, int(rules.substeps)
-        )
-        keep(state, memory, row)
-        write(state, memory, world, numbers, observation)
+    def step(memory: Any, observation: Any, front: float, rear: float) -> tuple[float, int, float]:
+        if not (np.isfinite(front) and np.isfinite(rear)):
+            return 0.0, BAD_ACTION, 0.0
+        world = world_of(memory)
+        front = min(max(front, -1.0), 1.0) * world.rules.steers_front
+        rear = min(max(rear, -1.0), 1.0) * world.rules.steers_rear
+        substeps = int(world.rules.substeps)
+        state, kept, gained, end, cost = step_law(state_of(memory), remembered(memory), (front, rear), world, substeps)
+        keep(state, kept, memory)
+        write(state, kept, world, memory, observation)
         return gained, end, cost
 
-    def measure(row: Any, numbers: Any, out: Any) -> None:
-        world, state = world_of(numbers), state_of(row)
+    def measure(memory: Any, out: Any) -> None:
+        world, state = world_of(memory), state_of(memory)
         acting = axles_law(state, world.car)
-        reference = reference_law(state, memory_of(row).route, world)
+        reference = reference_law(state, remembered(memory).route, world)
         for j in range(len(acting)):
             out[j] = acting[j]
         for j in range(len(reference)):
@@ -166,10 +164,10 @@ def _kernels(
     result = numba.types.Tuple((numba.float64, numba.int64, numba.float64))
     with compiled.progress(f"{task.name} with the {type(tire).__name__} tire, {geometry} geometry"):
         return Kernels(
-            start=compiled.entry_point(start, numba.void(_row, _row, _row, _observation)),
-            look=compiled.entry_point(look, numba.void(_row, _row, _observation)),
-            step=compiled.entry_point(step, result(_row, _row, _row, _observation)),
-            measure=compiled.entry_point(measure, numba.void(_row, _row, _row)),
+            start=compiled.entry_point(start, numba.void(_row, _observation, _row)),
+            look=compiled.entry_point(look, numba.void(_row, _observation)),
+            step=compiled.entry_point(step, result(_row, _observation, numba.float64, numba.float64)),
+            measure=compiled.entry_point(measure, numba.void(_row, _row)),
         )
 
 

@@ -20,7 +20,7 @@ from bicycle_env.physics.integrators import check_timestep
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.simulate import resolve_geometry
-from bicycle_env.physics.single_track import Axles, CarState, car_on_road
+from bicycle_env.physics.single_track import Axles, car_on_road
 from bicycle_env.physics.validation import choice, flag, known_keys, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.rewards import REWARDS
@@ -29,12 +29,13 @@ from bicycle_env.tasks.task import SETTLED_SECONDS, Task, checked_state
 STEER_MODES = ("front", "rear", "both")
 RENDER_MODES = ("human", "rgb_array")
 DEFAULT_SPEED_RATIO = 1.2
+FLOAT32 = np.dtype(np.float32)
 
 
 class Snapshot(NamedTuple):
     """All that the future of an environment depends on; made by ``snapshot()``, taken by ``restore()``."""
 
-    row: NDArray[np.float64]
+    episode: NDArray[np.float64]
     end: int
     generator: Any
 
@@ -94,24 +95,23 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         axles = 2 if self.steer == "both" else 1
         self.action_space = spaces.Box(-1.0, 1.0, (axles,), np.float32)
+        self._action_shape = (axles,)
 
         self._rules = self.task.rules(
             control_timestep=self.control_timestep,
             substeps=self.substeps,
             horizon=self.horizon,
-            front_column=0 if self.steer in ("front", "both") else -1,
-            rear_column={"front": -1, "rear": 0, "both": 1}[self.steer],
+            steers_front=float(self.steer != "rear"),
+            steers_rear=float(self.steer != "front"),
         )
-        self._world = kernels.world_row(
+        self._memory = kernels.new_memory(
+            self.task,
             car_on_road(self.vehicle, self.speed, self.friction, self.front_actuator, self.rear_actuator),
             self._rules,
             self.task.settings(self.speed),
             self.observation_scale,
             bound,
-            self.task.preview_times,
         )
-        self._row = np.full(kernels.row_size(self.task), math.nan)
-        self._action = np.zeros(axles)
         self._observation_size = len(bound)
         self._ends = ("", "spun", self.task.left_name)
         self._end = kernels.BAD_ACTION  # not yet reset
@@ -121,6 +121,11 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _bind(self) -> None:
         self._kernels = kernels.kernels(self.task, self._observation_size, self.tire, self.geometry, self.reward)
+        self._step = self._kernels.step
+
+    @property
+    def _episode(self) -> NDArray[np.float64]:
+        return self._memory[: kernels.episode_size(self.task)]
 
     # Gymnasium's interface
 
@@ -143,13 +148,13 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.task.route_with(self.task.Route(*([0.0] * len(self.task.Route._fields))), given, self.speed)
         super().reset(seed=seed)
         observation = np.empty(self._observation_size, np.float32)
-        self._kernels.start(self._row, self._world, self.np_random.random(self.task.uniforms), observation)
+        self._kernels.start(self._memory, observation, self.np_random.random(self.task.uniforms))
         if given:
             if state is not None:
-                self._row[: kernels.STEPS] = [state.get(name, 0.0) for name in self.task.State._fields[: kernels.STEPS]]
-            route = self.task.Route(*self._row[kernels.MEMORY :])
-            self._row[kernels.MEMORY :] = self.task.route_with(route, given, self.speed)
-            self._kernels.look(self._row, self._world, observation)
+                self._episode[: kernels.STEPS] = [state[name] for name in self.task.State._fields[: kernels.STEPS]]
+            route = self.task.Route(*self._episode[kernels.MEMORY :])
+            self._episode[kernels.MEMORY :] = self.task.route_with(route, given, self.speed)
+            self._kernels.look(self._memory, observation)
         self._end = 0
         self._warned = False
         if self._viewer is not None:
@@ -158,9 +163,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.render()
         return observation, self._info(0.0)
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Hold an action for one control step; finite values outside [-1, 1] saturate.
 
         Raises:
@@ -169,11 +172,11 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if self._end != 0:
             return self._after_the_end()
-        if type(action) is not np.ndarray or action.shape != self._action.shape or action.dtype.kind not in "fiu":
+        if type(action) is not np.ndarray or action.dtype is not FLOAT32 or action.shape != self._action_shape:
             action = self._converted(action)
-        self._action[:] = action
-        observation = np.empty(self._observation_size, np.float32)
-        reward, end, cost = self._kernels.step(self._row, self._world, self._action, observation)
+        values = action.tolist()
+        observation = np.empty(self._observation_size, FLOAT32)
+        reward, end, cost = self._step(self._memory, observation, values[0], values[-1])
         if end:
             if end == kernels.BAD_ACTION:
                 raise ValueError(f"action must be finite numbers, nominally in [-1, 1], got {action!r}")
@@ -208,7 +211,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     @property
     def state(self) -> Any:
         """The present state as a named tuple of floats, SI units."""
-        values = self._row.tolist()
+        values = self._episode.tolist()
         steps, route = values[kernels.STEPS], values[kernels.MEMORY :]
         return self.task.State(*values[: kernels.STEPS], steps * self.control_timestep, *route)
 
@@ -216,7 +219,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def is_success(self) -> bool:
         """Whether the car is running and has been settled for the last second: at a time-out, a success."""
         needed = round(SETTLED_SECONDS / self.control_timestep)
-        return self._end == 0 and bool(self._row[kernels.SETTLED] >= needed)
+        return self._end == 0 and bool(self._memory[kernels.SETTLED] >= needed)
 
     @property
     def stability(self) -> Stability:
@@ -225,7 +228,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def linear_model(self) -> LinearModel:
         """What one control step integrates, linearised at straight running; exact for the linear tire, small angles."""
-        columns = [k for k, column in enumerate((self._rules.front_column, self._rules.rear_column)) if column >= 0]
+        columns = [k for k, steered in enumerate((self._rules.steers_front, self._rules.steers_rear)) if steered]
         actuators = (self.front_actuator, self.rear_actuator)
         scale = np.array([actuators[k].angle_limit for k in columns])
         a, b = continuous_model(self.vehicle, self.speed, actuators)
@@ -248,18 +251,18 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def measure(self) -> dict[str, float]:
         """Slip angles, forces, accelerations and the reference in the present state, by the names of the telemetry."""
         out = np.empty(len(kernels.TELEMETRY))
-        self._kernels.measure(self._row, self._world, out)
+        self._kernels.measure(self._memory, out)
         return dict(zip(kernels.TELEMETRY, out.tolist(), strict=True))
 
     def snapshot(self) -> Snapshot:
         """The whole state, random generator included."""
-        return Snapshot(self._row.copy(), self._end, self.np_random.bit_generator.state)
+        return Snapshot(self._episode.copy(), self._end, self.np_random.bit_generator.state)
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observation there."""
-        if not isinstance(snapshot, Snapshot) or snapshot.row.shape != self._row.shape:
+        if not isinstance(snapshot, Snapshot) or snapshot.episode.shape != self._episode.shape:
             raise TypeError(f"snapshot must come from snapshot() of the same environment id, got {type(snapshot)!r}")
-        self._row[:] = snapshot.row
+        self._episode[:] = snapshot.episode
         self._end = snapshot.end
         self.np_random.bit_generator.state = snapshot.generator
         return self._look()
@@ -267,8 +270,8 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     # Inner workings
 
     def _look(self) -> NDArray[np.float32]:
-        observation = np.empty(self._observation_size, np.float32)
-        self._kernels.look(self._row, self._world, observation)
+        observation = np.empty(self._observation_size, FLOAT32)
+        self._kernels.look(self._memory, observation)
         return observation
 
     def _info(self, cost: float) -> dict[str, Any]:
@@ -289,7 +292,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return telemetry
 
     def _converted(self, action: Any) -> NDArray[np.float64]:
-        shape = self._action.shape
+        shape = self._action_shape
         try:
             converted = np.asarray(action)
         except ValueError:
@@ -312,7 +315,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions do not pickle and windows do not copy: both are made anew.
-        return {name: value for name, value in self.__dict__.items() if name not in ("_kernels", "_viewer")}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_kernels", "_step", "_viewer")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -330,7 +333,9 @@ def keyword_names(task_class: type[Task]) -> list[str]:
     """All keywords of an environment: its own, then its task's."""
     import inspect
 
-    own = [name for name in inspect.signature(SingleTrackEnv.__init__).parameters if name not in ("self", "task_keywords")]
+    own = [
+        name for name in inspect.signature(SingleTrackEnv.__init__).parameters if name not in ("self", "task_keywords")
+    ]
     if task_class.__init__ is object.__init__:
         return own
     return own + [name for name in inspect.signature(task_class).parameters]

@@ -49,7 +49,7 @@ def steer_rate(xp: Any) -> Callable[[Any, Any, Any, Any], Any]:
     """The actuator's law ``(steer, command, rate_limit, time_constant) -> rad/s``; the command is within its limit."""
 
     def steer_rate(steer: Any, command: Any, rate_limit: Any, time_constant: Any) -> Any:
-        rate = (command - steer) / time_constant
+        rate = (command - steer) * (1.0 / time_constant)
         return xp.maximum(xp.minimum(rate, rate_limit), -rate_limit)
 
     return steer_rate

@@ -7,7 +7,8 @@ loop over many cars vectorises (library calls would stop it: SVML is not in the 
 
 All functions are branch-free. The odd ones are computed on ``|x|`` and mirrored, which makes them odd to the bit, and
 with them the mirror symmetry of the car. Absolute error for |x| <= 30: at most 3e-15 (tests/physics/test_elementary.py).
-The coefficients come from tools/fit_elementary.py.
+The coefficients come from tools/fit_elementary.py; the sums are arranged in pairs (Estrin) because one car alone waits
+for each result, and a chain of eleven multiply-adds is a long wait.
 """
 
 from __future__ import annotations
@@ -23,13 +24,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 PI_2 = np.pi / 2
 PI_4 = np.pi / 4
 
-# pi/2 in three parts; multiples up to 2^20 of the first two are exact (Cody and Waite's reduction).
-PI_2_HIGH = 1.5707963267341256
-PI_2_MIDDLE = 6.077100506303966e-11
-PI_2_LOW = 2.0222662487959506e-21
-# What a double misses of pi/4 and pi/2: sums below keep full precision with it.
-PI_4_REST = 3.061616997868383e-17
-PI_2_REST = 6.123233995736766e-17
+# pi in three parts; multiples up to 2^20 of the first two are exact (Cody and Waite's reduction).
+PI_HIGH = 3.1415926534682512
+PI_MIDDLE = 1.2154201012607932e-10
+PI_LOW = 4.044532497591901e-21
 
 TAN_PI_8 = 0.41421356237309503
 TAN_3PI_8 = 2.414213562373095
@@ -37,19 +35,22 @@ TANH_IS_ONE = 20.0
 
 SIN = (
     -0.16666666666666666,
-    0.008333333333330925,
-    -0.00019841269836722418,
-    2.755731608381636e-06,
-    -2.5051127944014188e-08,
-    1.5917848524808262e-10,
+    0.008333333333333316,
+    -0.00019841269841254795,
+    2.7557319219115013e-06,
+    -2.505210761086116e-08,
+    1.6058976915095007e-10,
+    -7.643957622560617e-13,
+    2.7312868913092307e-15,
 )
 COS = (
-    0.041666666666666664,
-    -0.0013888888888887382,
-    2.480158729874307e-05,
-    -2.7557317260008837e-07,
-    2.0876143827993133e-09,
-    -1.1382456778061306e-11,
+    0.04166666666666666,
+    -0.0013888888888884717,
+    2.4801587298886815e-05,
+    -2.755731856817136e-07,
+    2.0876681108263528e-09,
+    -1.1466234424282487e-11,
+    4.646173408703228e-14,
 )
 ATAN = (
     -0.3333333333333333,
@@ -91,6 +92,12 @@ class Namespace(Protocol):
     def minimum(self, a: Any, b: Any, /) -> Any: ...
     def maximum(self, a: Any, b: Any, /) -> Any: ...
     def floor(self, x: Any, /) -> Any: ...
+    def near_sin(self, r: Any, /) -> Any:
+        """sin r for |r| <= pi/2, without the reduction."""
+
+    def near_cos(self, r: Any, /) -> Any:
+        """cos r for |r| <= pi/2, without the reduction."""
+
     def sin(self, x: Any, /) -> Any: ...
     def cos(self, x: Any, /) -> Any: ...
     def tan(self, x: Any, /) -> Any: ...
@@ -112,34 +119,56 @@ def maximum(xp: Any) -> Callable[[Any, Any], Any]:
     return maximum
 
 
-def sin_cos(xp: Any) -> Callable[[Any], tuple[Any, Any]]:
-    """(sin |x|, cos x): the reduction to |r| <= pi/4 is shared."""
+def half_turns(xp: Any) -> Callable[[Any], tuple[Any, Any]]:
+    """``(n, r)`` with |x| = n pi + r, n whole and |r| <= pi/2."""
 
-    def sin_cos(x: Any) -> tuple[Any, Any]:
+    def half_turns(x: Any) -> tuple[Any, Any]:
         size = abs(x)
-        turns = xp.floor(size * (1.0 / PI_2) + 0.5)
-        r = ((size - turns * PI_2_HIGH) - turns * PI_2_MIDDLE) - turns * PI_2_LOW
-        z = r * r
-        s = SIN[4] + z * SIN[5]
-        s = SIN[2] + z * (SIN[3] + z * s)
-        s = r + r * z * (SIN[0] + z * (SIN[1] + z * s))
-        c = COS[4] + z * COS[5]
-        c = COS[2] + z * (COS[3] + z * c)
-        c = (1.0 - 0.5 * z) + z * z * (COS[0] + z * (COS[1] + z * c))
-        quadrant = turns - 4.0 * xp.floor(turns * 0.25)
-        odd = (quadrant == 1.0) | (quadrant == 3.0)
-        sine = xp.where(odd, c, s)
-        cosine = xp.where(odd, s, c)
-        sine = xp.where(quadrant >= 2.0, -sine, sine)
-        cosine = xp.where((quadrant == 1.0) | (quadrant == 2.0), -cosine, cosine)
-        return sine, cosine
+        n = xp.floor(size * (1.0 / np.pi) + 0.5)
+        return n, ((size - n * PI_HIGH) - n * PI_MIDDLE) - n * PI_LOW
 
-    return sin_cos
+    return half_turns
+
+
+def sign_of(xp: Any) -> Callable[[Any], Any]:
+    """(-1)^n, the sign of sine and cosine after n half turns."""
+
+    def sign_of(n: Any) -> Any:
+        return 1.0 - 2.0 * (n - 2.0 * xp.floor(0.5 * n))
+
+    return sign_of
+
+
+def near_sin(xp: Any) -> Callable[[Any], Any]:
+    """sin r for |r| <= pi/2."""
+
+    def near_sin(r: Any) -> Any:
+        z = r * r
+        z2 = z * z
+        low = (SIN[0] + z * SIN[1]) + z2 * (SIN[2] + z * SIN[3])
+        high = (SIN[4] + z * SIN[5]) + z2 * (SIN[6] + z * SIN[7])
+        return r + (r * z) * (low + (z2 * z2) * high)
+
+    return near_sin
+
+
+def near_cos(xp: Any) -> Callable[[Any], Any]:
+    """cos r for |r| <= pi/2."""
+
+    def near_cos(r: Any) -> Any:
+        z = r * r
+        z2 = z * z
+        low = (COS[0] + z * COS[1]) + z2 * (COS[2] + z * COS[3])
+        high = (COS[4] + z * COS[5]) + z2 * COS[6]
+        return (1.0 - 0.5 * z) + z2 * (low + (z2 * z2) * high)
+
+    return near_cos
 
 
 def sin(xp: Any) -> Callable[[Any], Any]:
     def sin(x: Any) -> Any:
-        sine, _ = xp.sin_cos(x)
+        n, r = xp.half_turns(x)
+        sine = xp.sign_of(n) * xp.near_sin(r)
         return xp.where(x < 0.0, -sine, sine)
 
     return sin
@@ -147,16 +176,18 @@ def sin(xp: Any) -> Callable[[Any], Any]:
 
 def cos(xp: Any) -> Callable[[Any], Any]:
     def cos(x: Any) -> Any:
-        _, cosine = xp.sin_cos(x)
-        return cosine
+        n, r = xp.half_turns(x)
+        return xp.sign_of(n) * xp.near_cos(r)
 
     return cos
 
 
 def tan(xp: Any) -> Callable[[Any], Any]:
+    """The relative error grows as 1/|cos x|."""
+
     def tan(x: Any) -> Any:
-        sine, cosine = xp.sin_cos(x)
-        tangent = sine / cosine
+        _, r = xp.half_turns(x)  # the signs cancel
+        tangent = xp.near_sin(r) / xp.near_cos(r)
         return xp.where(x < 0.0, -tangent, tangent)
 
     return tan
@@ -172,13 +203,14 @@ def atan(xp: Any) -> Callable[[Any], Any]:
         below = xp.where(steep, size, xp.where(middle, size + 1.0, 1.0))
         t = above / below
         z = t * t
-        p = ATAN[8] + z * (ATAN[9] + z * ATAN[10])
-        p = ATAN[5] + z * (ATAN[6] + z * (ATAN[7] + z * p))
-        p = ATAN[2] + z * (ATAN[3] + z * (ATAN[4] + z * p))
-        p = t * z * (ATAN[0] + z * (ATAN[1] + z * p))
+        z2 = z * z
+        z4 = z2 * z2
+        low = (ATAN[0] + z * ATAN[1]) + z2 * (ATAN[2] + z * ATAN[3])
+        middle_part = (ATAN[4] + z * ATAN[5]) + z2 * (ATAN[6] + z * ATAN[7])
+        high = (ATAN[8] + z * ATAN[9]) + z2 * ATAN[10]
+        p = (t * z) * (low + z4 * (middle_part + z4 * high))
         offset = xp.where(steep, PI_2, xp.where(middle, PI_4, 0.0 * t))
-        rest = xp.where(steep, PI_2_REST, xp.where(middle, PI_4_REST, 0.0 * t))
-        angle = offset + (t + (p + rest))
+        angle = offset + (t + p)
         return xp.where(x < 0.0, -angle, angle)
 
     return atan
@@ -188,10 +220,12 @@ def tanh(xp: Any) -> Callable[[Any], Any]:
     def tanh(x: Any) -> Any:
         # tanh = (e - 1) / (e + 1) with e = exp 2|x|; expm1 of 2|x|/64 by polynomial, then doubled six times.
         y = xp.where(abs(x) > TANH_IS_ONE, TANH_IS_ONE, abs(x)) * 0.03125
-        p = EXPM1[8] + y * (EXPM1[9] + y * EXPM1[10])
-        p = EXPM1[5] + y * (EXPM1[6] + y * (EXPM1[7] + y * p))
-        p = EXPM1[2] + y * (EXPM1[3] + y * (EXPM1[4] + y * p))
-        e = y + y * y * (EXPM1[0] + y * (EXPM1[1] + y * p))
+        y2 = y * y
+        y4 = y2 * y2
+        low = (EXPM1[0] + y * EXPM1[1]) + y2 * (EXPM1[2] + y * EXPM1[3])
+        middle = (EXPM1[4] + y * EXPM1[5]) + y2 * (EXPM1[6] + y * EXPM1[7])
+        high = (EXPM1[8] + y * EXPM1[9]) + y2 * EXPM1[10]
+        e = y + y2 * (low + y4 * (middle + y4 * high))
         e = e * (e + 2.0)
         e = e * (e + 2.0)
         e = e * (e + 2.0)
@@ -220,7 +254,10 @@ def namespace(
     xp.floor = floor
     xp.minimum = function(minimum(xp))
     xp.maximum = function(maximum(xp))
-    xp.sin_cos = function(sin_cos(xp))
+    xp.half_turns = function(half_turns(xp))
+    xp.sign_of = function(sign_of(xp))
+    xp.near_sin = function(near_sin(xp))
+    xp.near_cos = function(near_cos(xp))
     xp.sin = function(sin(xp))
     xp.cos = function(cos(xp))
     xp.tan = function(tan(xp))

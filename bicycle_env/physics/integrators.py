@@ -18,9 +18,7 @@ def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, Car, Any], 
     rates = xp.function(rates)
     along = xp.function(moved)
 
-    def advance(
-        state: CarState, at_start: Any, at_middle: Any, at_end: Any, car: Car, timestep: Any
-    ) -> CarState:
+    def advance(state: CarState, at_start: Any, at_middle: Any, at_end: Any, car: Car, timestep: Any) -> CarState:
         half = 0.5 * timestep
         k1 = rates(state, at_start, car)
         k2 = rates(along(state, k1, half), at_middle, car)

@@ -21,8 +21,6 @@ from bicycle_env.physics.single_track import GEOMETRIES, Car, CarState, axles, c
 from bicycle_env.physics.validation import choice, known_keys, number, positive
 from bicycle_env.physics.vehicle import Vehicle
 
-
-
 Steer = ArrayLike | Callable[[float], tuple[float, float]]
 
 

@@ -109,8 +109,10 @@ def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles
     lateral_force = xp.function(tire.law(xp))
 
     def axles(state: CarState, car: Car) -> Axles:
-        front_slip = angle((state.lateral_velocity + car.cg_to_front * state.yaw_rate) / car.speed)  # 6.20
-        rear_slip = angle((state.lateral_velocity - car.cg_to_rear * state.yaw_rate) / car.speed)
+        # Reciprocals of what stays the same: the compiler moves them out of the loop, which it may not do to a quotient.
+        per_speed, per_mass, per_inertia = 1.0 / car.speed, 1.0 / car.mass, 1.0 / car.yaw_inertia
+        front_slip = angle((state.lateral_velocity + car.cg_to_front * state.yaw_rate) * per_speed)  # 6.20
+        rear_slip = angle((state.lateral_velocity - car.cg_to_rear * state.yaw_rate) * per_speed)
         front_slip = front_slip - state.front_steer
         rear_slip = rear_slip - state.rear_steer
         front_force = lateral_force(front_slip, car.front_cornering_stiffness, car.front_peak_force)
@@ -122,8 +124,8 @@ def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles
             rear_slip,
             front_force,
             rear_force,
-            (front_sideways + rear_sideways) / car.mass,  # 6.18
-            (car.cg_to_front * front_sideways - car.cg_to_rear * rear_sideways) / car.yaw_inertia,  # 6.19
+            (front_sideways + rear_sideways) * per_mass,  # 6.18
+            (car.cg_to_front * front_sideways - car.cg_to_rear * rear_sideways) * per_inertia,  # 6.19
         )
 
     return axles

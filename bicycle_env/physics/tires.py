@@ -81,7 +81,7 @@ class Tanh(Tire):
 
     def law(self, xp: Any) -> Law:
         def lateral_force(slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
-            return -peak_force * xp.tanh(cornering_stiffness * slip_angle / peak_force)
+            return -peak_force * xp.tanh(slip_angle * (cornering_stiffness / peak_force))
 
         return lateral_force
 
@@ -99,7 +99,8 @@ class Fiala(Tire):
             # Clipping the angle, not its tangent: past 90 degrees the tangent changes sign.
             sliding = xp.atan(3.0 * peak_force / cornering_stiffness)
             size = xp.minimum(abs(slip_angle), sliding)
-            z = xp.minimum(xp.tan(size) * (cornering_stiffness / (3.0 * peak_force)), 1.0)
+            tangent = xp.near_sin(size) / xp.near_cos(size)
+            z = xp.minimum(tangent * (cornering_stiffness / (3.0 * peak_force)), 1.0)
             force = peak_force * (z * (3.0 - z * (3.0 - z)))
             return xp.where(slip_angle > 0.0, -force, force)
 

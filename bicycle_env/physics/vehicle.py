@@ -86,9 +86,7 @@ class Vehicle:
     @property
     def critical_speed(self) -> float:
         """U_crit of (6.17), m/s: an oversteering car is unstable above it; infinite when there is none."""
-        oversteer = (
-            self.cg_to_front * self.front_cornering_stiffness - self.cg_to_rear * self.rear_cornering_stiffness
-        )
+        oversteer = self.cg_to_front * self.front_cornering_stiffness - self.cg_to_rear * self.rear_cornering_stiffness
         if oversteer <= 0.0:
             return math.inf
         stiffness = self.front_cornering_stiffness * self.rear_cornering_stiffness

@@ -92,9 +92,7 @@ class LaneChange(Task):
         preview_spacing = positive("preview_spacing", preview_spacing)
         points = int(preview_length / preview_spacing + 1e-9)
         if points > PREVIEW_POINTS_LIMIT:
-            raise ValueError(
-                f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT} points, got {points}"
-            )
+            raise ValueError(f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT} points, got {points}")
         self.preview_times = tuple(preview_spacing * (k + 1) for k in range(points))
 
     def settings(self, speed: float) -> Path:
@@ -168,7 +166,7 @@ class LaneChange(Task):
             reference = reference_law(state, memory.route, world)
             seen: tuple[Any, ...] = car(state, memory)
             errors = (state.lateral_position - reference.lateral_position, state.heading - reference.heading)
-            return seen + errors  # noqa: RUF005 (numba adds tuples, it does not unpack them)
+            return seen + errors
 
         return observe
 

@@ -50,9 +50,9 @@ class Rules(NamedTuple):
     substeps: Any
     horizon: Any
     """Control steps that a failure of the quadratic reward pays for."""
-    front_column: Any
-    """Index of the front steer in the action, -1 where the front axle is not steered."""
-    rear_column: Any
+    steers_front: Any
+    """1 where the action steers the front axle, else 0."""
+    steers_rear: Any
     road_half_width: Any
     """From the middle of the corridor to its edge, m."""
     sideslip_limit: Any

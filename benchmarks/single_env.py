@@ -1,0 +1,93 @@
+"""Steps per second of the single environment beside two peers, in one run, through gym.make with default wrappers.
+
+    pip install -c constraints.txt -e ".[bench]" && python benchmarks/single_env.py
+
+Prints the table and exits 1 if a ratio falls short of what is promised. Rounds alternate between the environments and
+each keeps its best, because other work on the machine only ever makes a round slower.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import sys
+import time
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+
+import bicycle_env
+
+PEERS = {"lane-keeping-v0": 50.0, "CartPole-v1": 1.5}
+OURS = ("BicycleStab-v0", "BicycleLaneChange-v0")
+
+
+def steps_per_second(env: gym.Env, steps: int) -> float:
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(64)]
+    start = time.perf_counter()
+    for k in range(steps):
+        _, _, terminated, truncated, _ = env.step(actions[k % 64])
+        if terminated or truncated:
+            env.reset()
+    return steps / (time.perf_counter() - start)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=7, help="rounds, of which the best counts (default 7)")
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    options = parser.parse_args()
+    try:
+        import highway_env
+
+        gym.register_envs(highway_env)
+    except ImportError:
+        print('highway-env is missing: pip install -c constraints.txt -e ".[bench]"', file=sys.stderr)
+        return 2
+
+    envs = {name: gym.make(name) for name in (*OURS, *PEERS)}
+    best = dict.fromkeys(envs, 0.0)
+    for _ in range(options.rounds):
+        for name, env in envs.items():
+            best[name] = max(best[name], steps_per_second(env, 300 if name == "lane-keeping-v0" else 20000))
+
+    print(f"{'environment':24s} {'steps/s':>10s}")
+    for name, rate in best.items():
+        print(f"{name:24s} {rate:10,.0f}")
+    print(f"\n{'ratio':48s} {'measured':>9s} {'must':>6s}")
+    short = False
+    ratios = {}
+    for name in OURS:
+        for peer, must in PEERS.items():
+            ratio = best[name] / best[peer]
+            ratios[f"{name} / {peer}"] = round(ratio, 2)
+            short |= ratio < must
+            print(f"{name + ' / ' + peer:48s} {ratio:9.1f} {must:6.1f}{'  SHORT' if ratio < must else ''}")
+    if options.json:
+        options.json.write_text(
+            json.dumps(
+                {
+                    "command": "python benchmarks/single_env.py",
+                    "date": time.strftime("%Y-%m-%d"),
+                    "machine": f"{platform.machine()}, Python {platform.python_version()}",
+                    "versions": {
+                        "bicycle_env": bicycle_env.__version__,
+                        "gymnasium": gym.__version__,
+                        "numpy": np.__version__,
+                    },
+                    "steps_per_second": {name: round(rate) for name, rate in best.items()},
+                    "ratios": ratios,
+                },
+                indent=1,
+            )
+            + "\n"
+        )
+    return 1 if short else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
