@@ -1,0 +1,1 @@
+"""Scripts that a user runs from a checkout: train, evaluate, tune, demo."""

@@ -1,0 +1,114 @@
+"""Drive episodes with a policy and summarise them; the same starts for every policy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.statistics import bootstrap, wilson
+from bicycle_env.control import Policy
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Figures of one episode; SI, angles in rad. The last four are None where the task has no lane change."""
+
+    success: bool
+    end: str
+    episode_return: float
+    seconds: float
+    peak_sideslip: float
+    steering_effort: float
+    """Root of the mean over time of front_steer^2 + rear_steer^2, rad."""
+    cost: float
+    """Seconds with a corner of the body outside."""
+    peak_lateral_acceleration: float
+    largest_tracking_error: float
+    """Largest |lateral position - path|, m."""
+    overshoot: float | None = None
+    """How far beyond the new lane's middle, m."""
+    settling_time: float | None = None
+    """From the start of the change until |y error| stays below the tolerance, s; None also if it never does."""
+
+
+def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
+    """One episode from the start that the seed gives. `env` must be made with telemetry=True."""
+    plant: Any = env.unwrapped
+    observation, info = env.reset(seed=seed)
+    total, effort, outside, steps = 0.0, 0.0, 0.0, 0
+    sideslip = acceleration = error = 0.0
+    overshoot, unsettled_until = 0.0, 0.0
+    over = False
+    while not over:
+        observation, reward, terminated, truncated, info = env.step(policy.act(observation))
+        over = terminated or truncated
+        state = plant.state
+        total += float(reward)
+        steps += 1
+        effort += state.front_steer**2 + state.rear_steer**2
+        outside += info["cost"]
+        sideslip = max(sideslip, abs(info["sideslip"]))
+        acceleration = max(acceleration, abs(info["lateral_acceleration"]))
+        error = max(error, abs(info["lateral_error"]))
+        if "goal_error" in info:
+            overshoot = max(overshoot, state.direction * info["goal_error"])
+            if abs(info["goal_error"]) >= GOAL_TOLERANCE:
+                unsettled_until = state.time
+    seconds = steps * plant.control_timestep
+    extra: dict[str, float | None] = {}
+    if "goal_error" in info:
+        begin = state.change_start / plant.speed
+        extra["overshoot"] = overshoot
+        extra["settling_time"] = None if terminated or unsettled_until >= seconds else unsettled_until - begin
+    return Episode(
+        success=plant.is_success,
+        end=info["end"],
+        episode_return=total,
+        seconds=seconds,
+        peak_sideslip=sideslip,
+        steering_effort=math.sqrt(effort / steps),
+        cost=outside * plant.control_timestep,
+        peak_lateral_acceleration=acceleration,
+        largest_tracking_error=error,
+        **extra,
+    )
+
+
+GOAL_TOLERANCE = 0.3  # m, the lane-change task's own
+
+
+def start_seeds(episodes: int, seed: int) -> list[int]:
+    """The episode seeds of an evaluation: every policy drives from these same starts."""
+    return [int(word) for word in np.random.SeedSequence(seed).generate_state(episodes)]
+
+
+def evaluate(
+    env: gym.Env, policy: Policy, episodes: int, seed: int, progress: Callable[[int], None] | None = None
+) -> list[Episode]:
+    """Drive `episodes` episodes from the starts of a seed."""
+    driven = []
+    for k, start in enumerate(start_seeds(episodes, seed)):
+        driven.append(drive(env, policy, start))
+        if progress is not None:
+            progress(k + 1)
+    return driven
+
+
+def summarise(driven: list[Episode]) -> dict[str, Any]:
+    """Means with 95 % intervals: Wilson for the success rate, bootstrap for the rest."""
+    wins = sum(episode.success for episode in driven)
+    summary: dict[str, Any] = {
+        "episodes": len(driven),
+        "success_rate": {"value": wins / len(driven), "interval": wilson(wins, len(driven))},
+        "ends": {name or "time": [e.end for e in driven].count(name) for name in sorted({e.end for e in driven})},
+    }
+    for name in asdict(driven[0]):
+        values = [value for episode in driven if isinstance(value := getattr(episode, name), float)]
+        if values:
+            summary[name] = {"value": float(np.mean(values)), "interval": bootstrap(values), "of": len(values)}
+    return summary

@@ -1,0 +1,165 @@
+"""Evaluate policies on the same starts and print one table.
+
+    python -m agents.evaluate --env-id BicycleStab-v0 --policy lqr zero runs/stab-ppo --episodes 200
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import gymnasium as gym
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+import bicycle_env  # noqa: F401  (registers the environments)
+from agents import messages, provenance
+from agents.episodes import evaluate, summarise
+from agents.messages import UserError
+from bicycle_env import control
+from bicycle_env.files import write_json
+
+
+@dataclass
+class Args:
+    """Drive policies through the same episodes and print a table: means with 95 % intervals."""
+
+    env_id: str = "BicycleStab-v0"
+    """Environment id."""
+    policy: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME|FOLDER [NAME|FOLDER ...]")] = ("lqr", "zero")
+    """Controllers by name (lqr, zero) or folders with policy.safetensors and policy.json, as train writes them."""
+    episodes: int = 100
+    """Episodes per policy."""
+    seed: int = 1
+    """Seed of the starts; all policies drive from the same ones."""
+    env_keywords: str = "{}"
+    """Keywords of the environment as JSON, for example '{"speed_ratio": 1.3, "steer": "rear"}'."""
+    json: Path | None = None
+    """Also write the figures to this file."""
+
+
+# (key, heading, factor to the shown unit, format)
+COLUMNS = (
+    ("episode_return", "mean return", 1.0, ".1f"),
+    ("peak_sideslip", "peak sideslip [deg]", 57.29577951308232, ".1f"),
+    ("steering_effort", "steering effort [deg]", 57.29577951308232, ".2f"),
+    ("largest_tracking_error", "largest lateral error [m]", 1.0, ".2f"),
+)
+LANE_CHANGE_COLUMNS = (
+    ("overshoot", "overshoot [m]", 1.0, ".2f"),
+    ("settling_time", "settling time [s]", 1.0, ".2f"),
+    ("peak_lateral_acceleration", "peak lat. acc. [m/s2]", 1.0, ".1f"),
+)
+
+
+def make_env(env_id: str, keywords: dict[str, Any]) -> gym.Env:
+    """gym.make with a user's mistakes turned into one line."""
+    try:
+        return gym.make(env_id, **keywords)
+    except gym.error.Error as error:
+        ids = ", ".join(sorted(name for name in gym.registry if name.startswith("Bicycle")))
+        raise UserError(f"{error} Ids of this package: {ids}") from None
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{env_id}: {error}") from None
+
+
+def parse_keywords(text: str) -> dict[str, Any]:
+    """Environment keywords from JSON text."""
+    try:
+        keywords = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise UserError(f"--env-keywords must be a JSON object, got {text!r}: {error}") from None
+    if not isinstance(keywords, dict):
+        raise UserError(f"--env-keywords must be a JSON object, got {text!r}")
+    return keywords
+
+
+def find_policy(name: str, env: gym.Env) -> control.Policy:
+    """A controller by its name, or a trained policy by its folder, checked against the environment."""
+    plant: Any = env.unwrapped
+    if name in control.POLICIES:
+        return control.make(name, plant)
+    if not Path(name).is_dir():
+        names = ", ".join(control.POLICIES)
+        raise UserError(f"policy must be one of {names}, or a folder of a trained policy; got {name!r}")
+    try:
+        network = control.load(name)
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    expected, axles = list(plant.observation_names), plant.action_space.shape[0]
+    if network.description["observation_names"] != expected or network.description["layers"][-1][0] != axles:
+        raise UserError(
+            f"{name} was trained for {network.description['env_id']} with {len(network.description['observation_names'])} "
+            f"observations and {network.description['layers'][-1][0]} actions; this environment has {len(expected)} and {axles}"
+        )
+    return network
+
+
+def table(env_id: str, rows: dict[str, dict[str, Any]]) -> Table:
+    """The summaries as a table for people."""
+    lane_change = any("overshoot" in row for row in rows.values())
+    columns = COLUMNS + (LANE_CHANGE_COLUMNS if lane_change else ())
+    episodes = next(iter(rows.values()))["episodes"]
+    result = Table(title=f"{env_id}: {episodes} episodes, the same starts for all; mean [95 % interval]")
+    result.add_column("policy")
+    result.add_column("success", justify="right")
+    for _, heading, _, _ in columns:
+        result.add_column(heading, justify="right")
+    for name, row in rows.items():
+        share = row["success_rate"]
+        cells = [f"{100 * share['value']:.1f} % [{100 * share['interval'][0]:.1f}, {100 * share['interval'][1]:.1f}]"]
+        for key, _, factor, form in columns:
+            if key in row:
+                value, (low, high) = row[key]["value"], row[key]["interval"]
+                cells.append(f"{value * factor:{form}} [{low * factor:{form}}, {high * factor:{form}}]")
+            else:
+                cells.append("-")
+        result.add_row(name, *cells)
+    return result
+
+
+def main() -> None:
+    args = tyro.cli(Args, description=__doc__)
+    if args.episodes < 1:
+        raise UserError(f"--episodes must be at least 1, got {args.episodes}")
+    if args.seed < 0:
+        raise UserError(f"--seed must be at least 0, got {args.seed}")
+    keywords = {**parse_keywords(args.env_keywords), "telemetry": True}
+    env = make_env(args.env_id, keywords)
+    policies = {name: find_policy(name, env) for name in args.policy}
+    console = Console()
+    rows, seconds = {}, {}
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        for name, policy in policies.items():
+            job = bar.add_task(name, total=args.episodes)
+            start = time.perf_counter()
+            rows[name] = summarise(
+                evaluate(env, policy, args.episodes, args.seed, lambda done, job=job: bar.update(job, completed=done))
+            )
+            seconds[name] = round(time.perf_counter() - start, 2)
+    console.print(table(args.env_id, rows))
+    if args.json is not None:
+        write_json(
+            args.json,
+            {
+                "command": f"python -m agents.evaluate --env-id {args.env_id} --policy {' '.join(args.policy)} "
+                f"--episodes {args.episodes} --seed {args.seed}"
+                + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""),
+                **provenance.collect(),
+                "env_id": args.env_id,
+                "env_keywords": keywords,
+                "seed": args.seed,
+                "seconds": seconds,
+                "policies": rows,
+            },
+        )
+        console.print(f"figures: {args.json}")
+
+
+if __name__ == "__main__":
+    messages.run(main)

@@ -1,0 +1,56 @@
+"""The one interface of everything that drives: an observation in, an action out."""
+
+from __future__ import annotations
+
+import abc
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_env.analysis.linear_model import LinearModel
+from bicycle_env.tasks.task import Task
+
+Array = NDArray[np.floating[Any]]
+
+
+class Plant(Protocol):
+    """What a controller may ask an environment (``env.unwrapped``) when it is designed."""
+
+    task: Task
+    speed: float
+    observation_names: tuple[str, ...]
+    observation_scale: NDArray[np.float64]
+    action_space: Any
+
+    def linear_model(self) -> LinearModel:
+        """The one-step linear model with its cost."""
+
+
+class Policy(abc.ABC):
+    """Maps observations to actions, one or many at a time; holds no state between calls."""
+
+    name: str
+
+    @abc.abstractmethod
+    def act(self, observation: Array) -> NDArray[np.float32]:
+        """Action in [-1, 1].
+
+        Args:
+            observation: (entries,) or (cars, entries), as the environment gives it.
+
+        Returns:
+            (axles,) or (cars, axles), float32.
+        """
+
+
+class Zero(Policy):
+    """Leaves both axles straight: the uncontrolled car."""
+
+    name = "zero"
+
+    def __init__(self, plant: Plant) -> None:
+        self._axles = plant.action_space.shape[-1]
+
+    def act(self, observation: Array) -> NDArray[np.float32]:
+        return np.zeros((*np.shape(observation)[:-1], self._axles), np.float32)

@@ -1,0 +1,130 @@
+"""The scene in pixels, and the colours of all pictures.
+
+Colours that mean something are those of Okabe and Ito (Color Universal Design, 2008): readers with any colour vision
+can tell them apart.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from gymnasium.error import DependencyNotInstalled
+
+from bicycle_env.rendering.scene import Arrow, Point, Scene, Shape, arrow_outline
+
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+try:
+    import pygame
+except ImportError as error:
+    raise DependencyNotInstalled('render() needs pygame-ce: pip install "bicycle-env[render]"') from error
+
+Colour = tuple[int, int, int]
+
+SKY_BLUE: Colour = (86, 180, 233)
+GREEN: Colour = (0, 158, 115)
+YELLOW: Colour = (240, 228, 66)
+VERMILLION: Colour = (213, 94, 0)
+PURPLE: Colour = (204, 121, 167)
+
+WHITE: Colour = (244, 244, 240)
+BLACK: Colour = (12, 13, 15)
+ASPHALT: Colour = (56, 59, 64)
+TARGET: Colour = (38, 84, 74)
+VERGE: Colour = (128, 139, 120)
+VERGE_STRIPE: Colour = (118, 129, 111)
+GLASS: Colour = (22, 40, 54)
+HEADLIGHT: Colour = (255, 250, 205)
+
+FORCE, SATURATED_FORCE, TRAVEL, PATH, CAR, TRAIL = YELLOW, VERMILLION, PURPLE, GREEN, SKY_BLUE, SKY_BLUE
+
+FINENESS = 2
+"""The road is painted this many times as large and then reduced, which smooths all edges."""
+FORCE_WIDTH, TRAVEL_WIDTH, PATH_WIDTH, TRAIL_WIDTH = 0.22, 0.13, 0.14, 0.09
+"""m."""
+
+
+class View(NamedTuple):
+    """From the road to pixels: the same scale in both directions, y upwards."""
+
+    left: float
+    """x at the left border, m."""
+    middle: float
+    """y at half the height, m."""
+    scale: float
+    """Pixels per metre."""
+    height: int
+    """Pixels."""
+
+    def pixel(self, point: Point) -> Point:
+        # Centres of pixels: what lies symmetrically about the middle line is painted symmetrically.
+        return (
+            (point[0] - self.left) * self.scale - 0.5,
+            0.5 * self.height - 0.5 - (point[1] - self.middle) * self.scale,
+        )
+
+    def pixels(self, shape: Shape) -> list[Point]:
+        return [self.pixel(point) for point in shape]
+
+
+def pixels_per_metre(scene: Scene, height: int) -> float:
+    """Scale of a picture of the road that is so many pixels high."""
+    return height / (2.0 * scene.half_height)
+
+
+def paint_road(scene: Scene, width: int, height: int) -> Any:
+    """A new pygame Surface of this many pixels with everything that is on the road; no text."""
+    size = (width * FINENESS, height * FINENESS)
+    surface = pygame.Surface(size)
+    view = View(scene.left, scene.middle, pixels_per_metre(scene, size[1]), size[1])
+    surface.fill(VERGE)
+    _fill(surface, view, scene.verge_stripes, VERGE_STRIPE)
+    _fill(surface, view, scene.posts, WHITE)
+    _fill(surface, view, (scene.corridor,), ASPHALT)
+    if scene.target_lane:
+        _fill(surface, view, (scene.target_lane,), TARGET)
+    _fill(surface, view, (*scene.road_edges, *scene.lane_dashes), WHITE)
+    for dash in scene.path_dashes:
+        _stroke(surface, view, dash, PATH, PATH_WIDTH)
+    _stroke(surface, view, (*scene.trail, scene.centre_of_mass), TRAIL, TRAIL_WIDTH)
+    _paint_car(surface, view, scene)
+    _paint_arrow(surface, view, scene.travel, TRAVEL, TRAVEL_WIDTH)
+    for force in (scene.front_force, scene.rear_force):
+        _paint_arrow(surface, view, force, SATURATED_FORCE if force.saturated else FORCE, FORCE_WIDTH)
+    x, y = view.pixel(scene.centre_of_mass)
+    pygame.draw.circle(surface, BLACK, (x, y), 0.16 * view.scale)
+    pygame.draw.circle(surface, WHITE, (x, y), 0.10 * view.scale)
+    return pygame.transform.smoothscale(surface, (width, height))
+
+
+def _paint_car(surface: Any, view: View, scene: Scene) -> None:
+    _fill(surface, view, (scene.body,), CAR)
+    _outline(surface, view, scene.body, BLACK, 0.05)
+    _fill(surface, view, (scene.windscreen, scene.rear_window), GLASS)
+    _fill(surface, view, scene.headlights, HEADLIGHT)
+    _fill(surface, view, scene.taillights, VERMILLION)
+    for wheel in scene.wheels.values():
+        _fill(surface, view, (wheel,), BLACK)
+        _outline(surface, view, wheel, WHITE, 0.03)
+
+
+def _paint_arrow(surface: Any, view: View, arrow: Arrow, colour: Colour, width: float) -> None:
+    outline = arrow_outline(arrow, width)
+    if outline:
+        _fill(surface, view, (outline,), colour)
+        _outline(surface, view, outline, BLACK, 0.04)
+
+
+def _fill(surface: Any, view: View, shapes: Sequence[Shape], colour: Colour) -> None:
+    for shape in shapes:
+        pygame.draw.polygon(surface, colour, view.pixels(shape))
+
+
+def _outline(surface: Any, view: View, shape: Shape, colour: Colour, width: float) -> None:
+    pygame.draw.polygon(surface, colour, view.pixels(shape), max(1, round(width * view.scale)))
+
+
+def _stroke(surface: Any, view: View, shape: Shape, colour: Colour, width: float) -> None:
+    if len(shape) > 1:
+        pygame.draw.lines(surface, colour, False, view.pixels(shape), max(1, round(width * view.scale)))

@@ -1,0 +1,264 @@
+"""What is to be seen, as pure geometry: no pygame here, and no pixels.
+
+Points are (x, y) on the road in m, x along the road, y to the LEFT; angles in rad, forces in N. Nothing is exaggerated:
+the car, its wheels and their steer angles are to scale. A mirrored state gives the mirrored scene, to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.single_track import CarState, path_rates
+from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.tasks.task import Task, World
+
+Point = tuple[float, float]
+Shape = tuple[Point, ...]
+
+BEHIND = 0.30
+"""Part of the picture's width that lies behind the car."""
+GRIP_ARROW = 2.4
+"""Length of a force arrow at friction x static axle load, m."""
+LONGEST_ARROW = 2.0
+"""Where a force arrow stops growing, as a multiple of GRIP_ARROW: the linear tire has no limit."""
+SATURATED = 0.95
+"""An axle counts as saturated from this part of friction x static axle load on."""
+COURSE_ARROW = 2.2
+"""How far the arrow of the direction of travel reaches beyond the front of the car, m."""
+TIRE_LENGTH, TIRE_WIDTH = 0.66, 0.22
+LINE_WIDTH = 0.15
+DASH, DASH_PERIOD = 3.0, 9.0
+STRIPE, POST_PERIOD = 5.0, 10.0
+PATH_SPACING = 0.5
+PATH_DASH = 3
+"""Samples of PATH_SPACING in a dash of the path, and in a gap."""
+
+# Half outlines in the body frame: (part of the way from the centre of mass to the front (+) or rear (-) end, part of
+# the half body width).
+_BODY = ((1.0, 0.45), (0.97, 0.74), (0.85, 0.93), (0.6, 1.0), (-0.75, 1.0), (-0.93, 0.92), (-1.0, 0.72))
+_WINDSCREEN = ((0.36, 0.50), (0.30, 0.80), (0.06, 0.66))
+_REAR_WINDOW = ((-0.50, 0.62), (-0.70, 0.74))
+_HEADLIGHT = ((0.985, 0.50), (0.955, 0.74), (0.88, 0.72), (0.91, 0.46))
+_TAILLIGHT = ((-0.985, 0.45), (-0.965, 0.80), (-0.91, 0.82), (-0.93, 0.45))
+
+
+class Setup(NamedTuple):
+    """What stays the same from picture to picture: one car at one speed on one road."""
+
+    vehicle: Vehicle
+    geometry: str
+    task: Task
+    world: World
+    front_grip: float
+    """Friction x static load of the front axle, N."""
+    rear_grip: float
+    aspect: float
+    """Width / height of the picture of the road."""
+
+
+class Arrow(NamedTuple):
+    """From start to end; saturated arrows are painted in another colour."""
+
+    start: Point
+    end: Point
+    saturated: bool = False
+
+
+class Scene(NamedTuple):
+    """All shapes of one moment, in m."""
+
+    left: float
+    """x at the left border of the picture."""
+    right: float
+    middle: float
+    """y of the corridor's middle line, which is the middle of the picture."""
+    half_height: float
+    """From the middle to the upper border of the picture."""
+    verge_stripes: tuple[Shape, ...]
+    posts: tuple[Shape, ...]
+    corridor: Shape
+    target_lane: Shape
+    """Empty unless the task is to change lanes."""
+    road_edges: tuple[Shape, ...]
+    lane_dashes: tuple[Shape, ...]
+    path_dashes: tuple[Shape, ...]
+    """Open polylines along the reference path."""
+    trail: Shape
+    body: Shape
+    windscreen: Shape
+    rear_window: Shape
+    headlights: tuple[Shape, Shape]
+    """Left, right."""
+    taillights: tuple[Shape, Shape]
+    wheels: dict[str, Shape]
+    """By "front_left", "front_right", "rear_left", "rear_right"."""
+    front_force: Arrow
+    rear_force: Arrow
+    travel: Arrow
+    """From the centre of mass, in the direction in which it moves."""
+    centre_of_mass: Point
+
+
+def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Iterable[Point] = ()) -> Scene:
+    """The scene of one moment.
+
+    Args:
+        setup: what stays the same.
+        state: ``env.unwrapped.state``, SI.
+        measured: ``env.unwrapped.measure()``, SI.
+        trail: earlier places of the centre of mass, oldest first, m.
+    """
+    vehicle, rules = setup.vehicle, setup.world.rules
+    middle, edge = measured["reference_road_centre"], rules.road_half_width
+    # The centre of mass may come half a body beyond the edge, and then the car may stand across the road.
+    half_height = edge + 0.5 * vehicle.body_width + max(vehicle.front_extent, vehicle.rear_extent)
+    width = 2.0 * half_height * setup.aspect
+    x, y = state.longitudinal_position, state.lateral_position
+    left = x - BEHIND * width
+    right = left + width
+    goal = measured["reference_goal"]
+    changes_lane = goal != middle
+    side = 1.0 if goal > middle else -1.0
+    frame = _Frame(x, y, state.heading)
+    front = (vehicle.cg_to_front, vehicle.front_half_track, state.front_steer)
+    rear = (-vehicle.cg_to_rear, vehicle.rear_half_track, state.rear_steer)
+
+    def across(begin: float, end: float, inner: float, outer: float) -> tuple[Shape, Shape]:
+        return rectangle(begin, end, middle + inner, middle + outer), rectangle(
+            begin, end, middle - inner, middle - outer
+        )
+
+    return Scene(
+        left=left,
+        right=right,
+        middle=middle,
+        half_height=half_height,
+        verge_stripes=tuple(
+            rectangle(begin, begin + STRIPE, middle - half_height, middle + half_height)
+            for begin in _anchored(left, right, 2.0 * STRIPE, STRIPE)
+        ),
+        posts=tuple(
+            post
+            for begin in _anchored(left, right, POST_PERIOD, 0.4)
+            for post in across(begin, begin + 0.4, edge + 0.5, edge + 0.7)
+        ),
+        corridor=rectangle(left, right, middle - edge, middle + edge),
+        target_lane=rectangle(left, right, middle, middle + side * edge) if changes_lane else (),
+        road_edges=across(left, right, edge - 0.5 * LINE_WIDTH, edge + 0.5 * LINE_WIDTH),
+        lane_dashes=tuple(
+            rectangle(begin, begin + DASH, middle - 0.5 * LINE_WIDTH, middle + 0.5 * LINE_WIDTH)
+            for begin in _anchored(left, right, DASH_PERIOD, DASH)
+        )
+        if changes_lane
+        else (),
+        path_dashes=_path(setup, state, left, right),
+        trail=tuple(point for point in trail if left <= point[0] <= right),
+        body=frame.closed(_scaled(_BODY, vehicle)),
+        windscreen=frame.closed(_scaled(_WINDSCREEN, vehicle)),
+        rear_window=frame.closed(_scaled(_REAR_WINDOW, vehicle)),
+        headlights=frame.pair(_scaled(_HEADLIGHT, vehicle)),
+        taillights=frame.pair(_scaled(_TAILLIGHT, vehicle)),
+        wheels={
+            f"{axle}_{name}": _wheel(frame, along, sign * half_track, steer)
+            for axle, (along, half_track, steer) in (("front", front), ("rear", rear))
+            for name, sign in (("left", 1.0), ("right", -1.0))
+        },
+        front_force=_force(frame, front[0], front[2], measured["front_lateral_force"], setup.front_grip),
+        rear_force=_force(frame, rear[0], rear[2], measured["rear_lateral_force"], setup.rear_grip),
+        travel=_travel(setup, state),
+        centre_of_mass=(x, y),
+    )
+
+
+def rectangle(x0: float, x1: float, y0: float, y1: float) -> Shape:
+    """The four corners."""
+    return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+
+
+def arrow_outline(arrow: Arrow, width: float) -> Shape:
+    """Shaft of a width [m] and head; empty for an arrow too short to be seen."""
+    (x0, y0), (x1, y1) = arrow.start, arrow.end
+    length = math.hypot(x1 - x0, y1 - y0)
+    if length < 0.05:
+        return ()
+    head = min(3.2 * width, length)
+    neck, half, barb = length - head, 0.5 * width, 0.45 * head
+    along, across = (x1 - x0) / length, (y1 - y0) / length
+    outline = ((0.0, half), (neck, half), (neck, barb), (length, 0.0), (neck, -barb), (neck, -half), (0.0, -half))
+    return tuple((x0 + along * u - across * v, y0 + across * u + along * v) for u, v in outline)
+
+
+def is_saturated(force: float, grip: float) -> bool:
+    """Whether an axle's lateral force is (nearly) all that friction allows; both in N."""
+    return abs(force) >= SATURATED * grip
+
+
+class _Frame(NamedTuple):
+    """The car's body frame on the road."""
+
+    x: float
+    y: float
+    heading: float
+
+    def place(self, u: float, v: float) -> Point:
+        cosine, sine = math.cos(self.heading), math.sin(self.heading)
+        return (self.x + (cosine * u - sine * v), self.y + (sine * u + cosine * v))
+
+    def closed(self, half: Sequence[Point]) -> Shape:
+        """A half outline and its mirror image."""
+        return tuple(self.place(u, v) for u, v in half) + tuple(self.place(u, -v) for u, v in reversed(half))
+
+    def pair(self, outline: Sequence[Point]) -> tuple[Shape, Shape]:
+        return tuple(self.place(u, v) for u, v in outline), tuple(self.place(u, -v) for u, v in outline)
+
+
+def _scaled(outline: Sequence[Point], vehicle: Vehicle) -> list[Point]:
+    half = 0.5 * vehicle.body_width
+    return [(along * (vehicle.front_extent if along > 0.0 else vehicle.rear_extent), w * half) for along, w in outline]
+
+
+def _wheel(frame: _Frame, along: float, aside: float, steer: float) -> Shape:
+    cosine, sine = math.cos(steer), math.sin(steer)
+    corners = rectangle(-0.5 * TIRE_LENGTH, 0.5 * TIRE_LENGTH, -0.5 * TIRE_WIDTH, 0.5 * TIRE_WIDTH)
+    return tuple(frame.place(along + (cosine * u - sine * v), aside + (sine * u + cosine * v)) for u, v in corners)
+
+
+def _force(frame: _Frame, along: float, steer: float, force: float, grip: float) -> Arrow:
+    """At the middle of the axle, at right angles to its wheels; positive forces point to the left."""
+    length = GRIP_ARROW * min(max(force / grip, -LONGEST_ARROW), LONGEST_ARROW)
+    end = frame.place(along - math.sin(steer) * length, math.cos(steer) * length)
+    return Arrow(frame.place(along, 0.0), end, is_saturated(force, grip))
+
+
+def _travel(setup: Setup, state: Any) -> Arrow:
+    rates = path_rates(NUMPY, setup.geometry)
+    dx, dy = rates(CarState(*state[: len(CarState._fields)]), setup.world.car)
+    start = (state.longitudinal_position, state.lateral_position)
+    length = (setup.vehicle.front_extent + COURSE_ARROW) / math.hypot(dx, dy)
+    return Arrow(start, (start[0] + float(dx) * length, start[1] + float(dy) * length))
+
+
+def _path(setup: Setup, state: Any, left: float, right: float) -> tuple[Shape, ...]:
+    """The reference path in dashes that stay where they are on the road."""
+    task = setup.task
+    route = task.Route(*state[len(state) - len(task.Route._fields) :])
+    first = math.floor(left / PATH_SPACING) - 2 * PATH_DASH
+    first -= first % (2 * PATH_DASH)
+    samples = np.arange(first, math.ceil(right / PATH_SPACING) + 1)
+    xs = samples * PATH_SPACING
+    car = CarState(*state[: len(CarState._fields)])._replace(longitudinal_position=xs)
+    reference = task.reference(NUMPY)(car, route, setup.world)
+    ys = np.broadcast_to(reference.lateral_position, xs.shape)
+    points = list(zip(xs.tolist(), ys.tolist(), strict=True))
+    return tuple(tuple(points[k : k + PATH_DASH + 1]) for k in range(0, len(points) - PATH_DASH, 2 * PATH_DASH))
+
+
+def _anchored(left: float, right: float, period: float, length: float) -> list[float]:
+    """Starts of all pieces of a length at multiples of a period that reach into the picture."""
+    first = math.floor((left - length) / period)
+    return [k * period for k in range(first, math.floor(right / period) + 1) if k * period + length > left]

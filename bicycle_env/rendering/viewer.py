@@ -1,0 +1,142 @@
+"""The pictures of one environment: frames as arrays, or a window."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_env.physics.single_track import car_on_road
+from bicycle_env.rendering import dashboard
+from bicycle_env.rendering.dashboard import BACKGROUND, Reading
+from bicycle_env.rendering.painting import paint_road, pixels_per_metre, pygame
+from bicycle_env.rendering.scene import Scene, Setup, build_scene
+from bicycle_env.tasks.task import World
+
+WIDTH, HEIGHT = 960, 540
+ROAD_HEIGHT = 308
+"""Pixels at the top of a frame that show the road; they hold no text while the episode runs."""
+RULER_HEIGHT = 26
+
+
+class _Moment(NamedTuple):
+    """What stays of an earlier picture; SI units."""
+
+    time: float
+    place: tuple[float, float]
+    phase: tuple[float, float]
+    """Sideslip, yaw rate."""
+
+
+class Viewer:
+    """Draws an environment of this package, in its present state, at each ``draw()``.
+
+    ``render_mode`` "rgb_array" needs no display. With "human", ``draw()`` waits so that frames follow each other at
+    ``env.metadata["render_fps"]``; once its user has closed the window, it stays closed and nothing is drawn.
+    """
+
+    def __init__(self, env: Any) -> None:
+        self._env = env
+        self._setup = setup_of(env)
+        self._history: list[_Moment] = []
+        self._clock: Any = None
+        self._shut = False
+
+    def start(self) -> None:
+        """Forget the episode before."""
+        self._history.clear()
+
+    def draw(self) -> NDArray[np.uint8] | None:
+        """The present state: a new array (540, 960, 3), or the window brought up to date and None."""
+        if self._env.render_mode != "human":
+            image = pygame.surfarray.array3d(self._frame())
+            return np.ascontiguousarray(image.transpose(1, 0, 2))
+        if not self._shut:
+            self._show(self._frame())
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one; may be called again."""
+        if self._clock is not None:
+            self._clock = None
+            pygame.display.quit()
+
+    def _frame(self) -> Any:
+        reading, scene = self._look()
+        surface = pygame.Surface((WIDTH, HEIGHT))
+        surface.fill(BACKGROUND)
+        surface.blit(paint_road(scene, WIDTH, ROAD_HEIGHT), (0, 0))
+        scale = pixels_per_metre(scene, ROAD_HEIGHT)
+        dashboard.paint_ruler(surface, scene, scale, pygame.Rect(0, ROAD_HEIGHT, WIDTH, RULER_HEIGHT))
+        top = ROAD_HEIGHT + RULER_HEIGHT
+        dashboard.paint_numbers(surface, reading, pygame.Rect(16, top, 320, HEIGHT - top))
+        dashboard.paint_gauges(surface, reading, pygame.Rect(345, top + 4, 320, 120))
+        dashboard.paint_legend(surface, scene, scale, pygame.Rect(345, top + 136, 320, 66))
+        history = [moment.phase for moment in self._history]
+        dashboard.paint_phase_plane(surface, reading, history, pygame.Rect(676, top + 2, 278, HEIGHT - top - 2))
+        if reading.end:
+            at_top = scene.centre_of_mass[1] < scene.middle
+            dashboard.paint_end(surface, reading, pygame.Rect(0, 0, WIDTH, ROAD_HEIGHT), at_top)
+        return surface
+
+    def _look(self) -> tuple[Reading, Scene]:
+        env, setup = self._env, self._setup
+        state, measured, rules = env.state, env.measure(), setup.world.rules
+        # restore() may have gone back in time
+        self._history = [moment for moment in self._history if moment.time < state.time]
+        scene = build_scene(setup, state, measured, [moment.place for moment in self._history])
+        reading = Reading(
+            speed=env.speed,
+            critical_speed=env.vehicle.critical_speed,
+            time=state.time,
+            sideslip=state.lateral_velocity / env.speed,
+            yaw_rate=state.yaw_rate,
+            front_steer=state.front_steer,
+            rear_steer=state.rear_steer,
+            front_steer_limit=env.front_actuator.angle_limit,
+            rear_steer_limit=env.rear_actuator.angle_limit,
+            front_force=measured["front_lateral_force"],
+            rear_force=measured["rear_lateral_force"],
+            front_grip=setup.front_grip,
+            rear_grip=setup.rear_grip,
+            sideslip_limit=rules.sideslip_limit,
+            yaw_rate_limit=rules.yaw_rate_limit,
+            end=env._ends[env._end],
+            settled=env.is_success,
+        )
+        self._history.append(_Moment(state.time, scene.centre_of_mass, (reading.sideslip, reading.yaw_rate)))
+        return reading, scene
+
+    def _show(self, frame: Any) -> None:
+        if self._clock is None:
+            pygame.display.init()
+            self._clock = pygame.time.Clock()
+        # Another environment in this process may have closed the one window that pygame has.
+        window = pygame.display.get_surface()
+        if window is None:
+            pygame.display.init()
+            window = pygame.display.set_mode((WIDTH, HEIGHT))
+            pygame.display.set_caption(f"bicycle_env: {self._env.task.name}")
+        if any(event.type == pygame.QUIT for event in pygame.event.get()):
+            self._shut = True
+            self.close()
+            return
+        window.blit(frame, (0, 0))
+        pygame.display.flip()
+        self._clock.tick(self._env.metadata["render_fps"])
+
+
+def setup_of(env: Any) -> Setup:
+    """What stays the same in all pictures of an environment."""
+    rules = env._rules
+    car = car_on_road(env.vehicle, env.speed, env.friction, env.front_actuator, env.rear_actuator)
+    return Setup(
+        vehicle=env.vehicle,
+        geometry=env.geometry,
+        task=env.task,
+        world=World(car, rules, env.task.settings(env.speed)),
+        front_grip=car.front_peak_force,
+        rear_grip=car.rear_peak_force,
+        aspect=WIDTH / ROAD_HEIGHT,
+    )

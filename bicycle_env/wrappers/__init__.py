@@ -1,0 +1,5 @@
+"""Wrappers and adapters, one per file."""
+
+from bicycle_env.wrappers.record_success import RecordSuccess
+
+__all__ = ["RecordSuccess"]

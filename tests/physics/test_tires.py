@@ -1,0 +1,207 @@
+"""The tire laws: slope, symmetry, saturation, and the figures of the brush and Magic Formula tires."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from bicycle_env import tires
+from bicycle_env.physics.elementary import array_namespace
+
+C, PEAK = 90e3, 7000.0
+NAMES = ("linear", "tanh", "fiala", "magic_formula")
+SATURATING = NAMES[1:]
+WIDE = np.concatenate([np.linspace(0.0, 3.5, 4001), 10.0 ** np.linspace(-12.0, 0.0, 200)])
+
+
+def test_the_table_holds_the_four_laws():
+    assert tuple(tires.LAWS) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_odd_to_the_bit(name):
+    tire = tires.resolve(name)
+    assert np.array_equal(tire.lateral_force(-WIDE, C, PEAK), -tire.lateral_force(WIDE, C, PEAK))
+    assert tire.lateral_force(0.0, C, PEAK) == 0.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("stiffness", [20e3, C, 200e3])
+@pytest.mark.parametrize("peak", [500.0, PEAK])
+def test_slope_at_zero_is_minus_the_cornering_stiffness(name, stiffness, peak):
+    step = 1e-9 * peak / stiffness
+    forces = tires.resolve(name).lateral_force(np.array([-step, step]), stiffness, peak)
+    assert (forces[1] - forces[0]) / (2.0 * step) == pytest.approx(-stiffness, rel=1e-8)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_positive_slip_angle_pushes_to_the_right(name):
+    assert np.all(tires.resolve(name).lateral_force(WIDE[1:], C, PEAK) < 0.0)
+
+
+@pytest.mark.parametrize("name", SATURATING)
+def test_never_above_the_peak_force(name):
+    force = np.abs(tires.resolve(name).lateral_force(WIDE, C, PEAK))
+    assert np.all(force <= PEAK * (1.0 + 1e-15))
+    assert force.max() > 0.99 * PEAK
+    assert np.all(force <= C * WIDE * (1.0 + 1e-12) + 0.5 * C * WIDE**2)
+
+
+@pytest.mark.parametrize("name", SATURATING)
+def test_continuous_to_beyond_90_degrees(name):
+    angles = np.linspace(-2.0, 2.0, 400_001)
+    jumps = np.abs(np.diff(tires.resolve(name).lateral_force(angles, C, PEAK)))
+    assert jumps.max() <= 1.5 * C * (angles[1] - angles[0])
+
+
+@pytest.mark.parametrize("name", ["tanh", "fiala"])
+def test_stays_at_the_peak_beyond_90_degrees(name):
+    beyond = np.array([math.pi / 2, math.nextafter(math.pi / 2, 2.0), 1.6, 2.0, 3.0, math.pi])
+    np.testing.assert_allclose(tires.resolve(name).lateral_force(beyond, C, PEAK), -PEAK, rtol=1e-9)
+
+
+def test_linear_by_hand():
+    assert tires.Linear().lateral_force(0.02, 80e3, 1.0) == -1600.0
+
+
+def test_tanh_by_hand():
+    angles = np.array([0.01, 0.05, 0.2])
+    np.testing.assert_allclose(
+        tires.Tanh().lateral_force(angles, C, PEAK), -PEAK * np.tanh(C * angles / PEAK), rtol=1e-14
+    )
+
+
+def test_fiala_at_a_third_of_the_sliding_slip():
+    """z = 1/3: Y = mu F_z (1/3)(3 - 1 + 1/9) = 19/27 mu F_z."""
+    slip = math.atan(PEAK / C)
+    assert tires.Fiala().lateral_force(slip, C, PEAK) == pytest.approx(-19.0 / 27.0 * PEAK, rel=1e-14)
+
+
+def test_fiala_slides_from_z_equal_one():
+    sliding = math.atan(3.0 * PEAK / C)
+    tire = tires.Fiala()
+    assert tire.lateral_force(sliding, C, PEAK) == pytest.approx(-PEAK, rel=1e-15)
+    assert abs(tire.lateral_force(0.99 * sliding, C, PEAK)) < PEAK
+    assert tire.lateral_force(1.5 * sliding, C, PEAK) == tire.lateral_force(1.01 * sliding, C, PEAK)
+    # the slope vanishes there: the curve has no corner
+    below = tire.lateral_force(np.array([sliding - 1e-4, sliding]), C, PEAK)
+    assert abs(np.diff(below)[0]) < 1e-4 * C * 1e-4
+
+
+def test_fiala_rises_until_it_slides():
+    angles = np.linspace(0.0, math.atan(3.0 * PEAK / C), 2000)
+    assert np.all(np.diff(tires.Fiala().lateral_force(angles, C, PEAK)) < 0.0)
+
+
+@pytest.mark.parametrize("shape", [1.05, 1.3, 1.65, 1.9])
+@pytest.mark.parametrize("curvature", [-5.0, -1.0, 0.0, 0.5])
+def test_magic_formula_peaks_at_d_when_the_shape_exceeds_one(shape, curvature):
+    # the sine's argument reaches a quarter turn where atan(...) = pi / (2 c); find that slip angle
+    tire = tires.MagicFormula(shape=shape, curvature=curvature)
+    angles = np.concatenate([np.linspace(0.0, 2.0, 20001), 10.0 ** np.linspace(0.3, 4.0, 4000)])
+    force = -tire.lateral_force(angles, C, PEAK)
+    assert force.max() == pytest.approx(PEAK, rel=1e-5)
+    assert np.all(force <= PEAK * (1.0 + 1e-15))
+
+
+def test_magic_formula_does_not_reach_d_when_the_shape_is_below_one():
+    force = -tires.MagicFormula(shape=0.8, curvature=0.0).lateral_force(10.0 ** np.linspace(0, 4, 100), C, PEAK)
+    assert np.all(force < PEAK * math.sin(0.8 * math.pi / 2) + 1e-9)
+
+
+def test_magic_formula_by_its_definition():
+    shape, curvature, alpha = 1.4, -2.0, 0.07
+    x = C / (shape * PEAK) * alpha
+    expected = -PEAK * math.sin(shape * math.atan(x - curvature * (x - math.atan(x))))
+    assert tires.MagicFormula(shape, curvature).lateral_force(alpha, C, PEAK) == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_scalars_give_floats_and_arrays_broadcast(name):
+    tire = tires.resolve(name)
+    assert type(tire.lateral_force(0.1, C, PEAK)) is float
+    grid = tire.lateral_force(np.linspace(-0.1, 0.1, 5)[:, None], C, np.array([4000.0, 7000.0]))
+    assert grid.shape == (5, 2)
+    assert grid[3, 1] == tire.lateral_force(np.linspace(-0.1, 0.1, 5)[3], C, 7000.0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("parameter", "bad"),
+    [
+        ("slip_angle", math.nan),
+        ("slip_angle", math.inf),
+        ("cornering_stiffness", 0.0),
+        ("cornering_stiffness", -1.0),
+        ("cornering_stiffness", math.nan),
+        ("peak_force", 0.0),
+        ("peak_force", -5.0),
+        ("peak_force", math.inf),
+        ("peak_force", [1.0, math.nan]),
+    ],
+)
+def test_a_bad_value_is_named(name, parameter, bad):
+    values = {"slip_angle": 0.1, "cornering_stiffness": C, "peak_force": PEAK} | {parameter: bad}
+    with pytest.raises(ValueError, match=parameter):
+        tires.resolve(name).lateral_force(**values)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "error", "named"),
+    [
+        ({"shape": 0.0}, ValueError, "shape"),
+        ({"shape": 2.0}, ValueError, "shape"),
+        ({"shape": math.nan}, ValueError, "shape"),
+        ({"shape": "wide"}, TypeError, "shape"),
+        ({"shape": True}, TypeError, "shape"),
+        ({"curvature": 1.0001}, ValueError, "curvature"),
+        ({"curvature": -math.inf}, ValueError, "curvature"),
+        ({"curvature": None}, TypeError, "curvature"),
+        ({"curveture": -1.0}, TypeError, "curvature"),
+    ],
+)
+def test_magic_formula_checks_its_parameters(keywords, error, named):
+    with pytest.raises(error, match=named):
+        tires.MagicFormula(**keywords)
+
+
+def test_magic_formula_accepts_the_edges():
+    assert tires.MagicFormula(shape=1.9999, curvature=1).curvature == 1.0
+
+
+@pytest.mark.parametrize("law", tires.LAWS.values())
+def test_tires_are_frozen_values(law):
+    assert law() == law()
+    assert hash(law()) == hash(law())
+    with pytest.raises((dataclasses.FrozenInstanceError, AttributeError, TypeError)):
+        law().shape = 1.5
+
+
+def test_different_parameters_are_different_tires():
+    assert tires.MagicFormula(shape=1.2) != tires.MagicFormula(shape=1.3)
+
+
+def test_resolve():
+    tire = tires.MagicFormula(shape=1.1)
+    assert tires.resolve(tire) is tire
+    assert tires.resolve("fiala") == tires.Fiala()
+    with pytest.raises(ValueError, match="did you mean 'fiala'"):
+        tires.resolve("fialla")
+    for bad in (3, None, tires.Fiala):
+        with pytest.raises(TypeError, match="tire must be"):
+            tires.resolve(bad)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=str)
+def test_torch_keeps_its_type_and_agrees(name, dtype):
+    law = tires.resolve(name).law(array_namespace(torch))
+    alpha = torch.linspace(-2.0, 2.0, 201, dtype=dtype)
+    stiffness, peak = torch.full_like(alpha, C), torch.full_like(alpha, PEAK)
+    force = law(alpha, stiffness, peak)
+    assert force.dtype == dtype
+    expected = tires.resolve(name).lateral_force(alpha.numpy().astype(float), C, PEAK)
+    tolerance = (1e-14 if dtype == torch.float64 else 3e-6) * max(PEAK, np.abs(expected).max())
+    np.testing.assert_allclose(force.numpy(), expected, rtol=0.0, atol=tolerance)
