@@ -39,6 +39,7 @@ class Episode:
 def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
     """One episode from the start that the seed gives. `env` must be made with telemetry=True."""
     plant: Any = env.unwrapped
+    lane_change = hasattr(plant.state, "direction")
     observation, info = env.reset(seed=seed)
     total, effort, outside, steps = 0.0, 0.0, 0.0, 0
     sideslip = acceleration = error = 0.0
@@ -55,13 +56,13 @@ def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
         sideslip = max(sideslip, abs(info["sideslip"]))
         acceleration = max(acceleration, abs(info["lateral_acceleration"]))
         error = max(error, abs(info["lateral_error"]))
-        if "goal_error" in info:
+        if lane_change:
             overshoot = max(overshoot, state.direction * info["goal_error"])
-            if abs(info["goal_error"]) >= GOAL_TOLERANCE:
+            if abs(info["goal_error"]) >= plant.rules.lateral_tolerance:
                 unsettled_until = state.time
     seconds = steps * plant.control_timestep
     extra: dict[str, float | None] = {}
-    if "goal_error" in info:
+    if lane_change:
         begin = state.change_start / plant.speed
         extra["overshoot"] = overshoot
         extra["settling_time"] = None if terminated or unsettled_until >= seconds else unsettled_until - begin
@@ -77,9 +78,6 @@ def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
         largest_tracking_error=error,
         **extra,
     )
-
-
-GOAL_TOLERANCE = 0.3  # m, the lane-change task's own
 
 
 def start_seeds(episodes: int, seed: int) -> list[int]:

@@ -84,6 +84,9 @@ def build(args: Args, chosen: settings.Settings, keywords: dict[str, Any], tenso
             model_keywords["action_noise"] = NormalActionNoise(
                 np.zeros(axles), np.full(axles, model_keywords["action_noise"])
             )
+        rate = model_keywords["learning_rate"]
+        if model_keywords.pop("learning_rate_decay", False):
+            model_keywords["learning_rate"] = lambda remaining: rate * remaining
         algorithm = {"ppo": sb3.PPO, "sac": sb3.SAC, "td3": sb3.TD3}[args.algo]
         return algorithm(
             "MlpPolicy",

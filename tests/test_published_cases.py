@@ -184,9 +184,7 @@ def skid_pad_radius(parameters):
 def free_response(parameters, name):
     vehicle, speed = vehicle_of(parameters), parameters["U"]
     start = {"lateral_velocity": parameters["V_0"], "yaw_rate": parameters["r_0"]}
-    run = simulate(
-        vehicle, speed, (parameters["delta_f"], 0.0), 2.4, tire="linear", initial_state=start, timestep=1e-3
-    )
+    run = simulate(vehicle, speed, (parameters["delta_f"], 0.0), 2.4, tire="linear", initial_state=start, timestep=1e-3)
     at = np.rint(np.array(parameters["t"]) / 1e-3).astype(int)
     np.testing.assert_allclose(run["time"][at], parameters["t"], rtol=0.0, atol=1e-12)
     return run[name][at]

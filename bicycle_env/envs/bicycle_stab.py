@@ -5,6 +5,105 @@ from bicycle_env.tasks.stabilise import Stabilise
 
 
 class BicycleStabEnv(SingleTrackEnv):
-    """doc"""
+    """Catch a car that has begun to spin, and bring it back to straight running in its lane.
+
+    ## Description
+
+    An automobile runs at constant speed above its critical speed: straight running is unstable, and left alone the
+    car spins within a second or two. At the start its body is turned and turning while it still travels along the
+    lane. Both axles may be steered. The plant is the single-track ("bicycle") model in body-fixed coordinates
+    (D. Karnopp, *Vehicle Stability*, ch. 6, equations 6.18-6.21) with saturating tires, integrated by RK4.
+    Left out: braking and driving, load transfer, roll, pitch, combined slip.
+
+    ## Action space
+
+    `Box(-1, 1, (2,), float32)`; one entry with `steer="front"` or `steer="rear"`. Values outside saturate.
+
+    | Num | Action | Unit | 1 means (default actuators) |
+    |-----|--------|------|-----------------------------|
+    | 0 | front_steer_command | of the front actuator's angle limit | 6 deg at the road wheels |
+    | 1 | rear_steer_command | of the rear actuator's angle limit | 3 deg at the road wheels |
+
+    The road wheels follow through a first-order lag (0.05 s) and a rate limit (front 40 deg/s, rear 9 deg/s).
+    Positive is to the left.
+
+    ## Observation space
+
+    `Box(8,)` of float32: value / scale, clipped to +-bound. All entries change sign in the mirror image.
+
+    | Num | Observation | Unit | Scale | Bound |
+    |-----|-------------|------|-------|-------|
+    | 0 | lateral_position | m | 1 | 10 |
+    | 1 | heading | rad | 0.2 | 10 |
+    | 2 | lateral_velocity | m/s | 0.2 x speed | 10 |
+    | 3 | yaw_rate | rad/s | 0.5 | 10 |
+    | 4 | front_steer | rad | front angle limit | 1 |
+    | 5 | rear_steer | rad | rear angle limit | 1 |
+    | 6 | front_steer_command | rad | front angle limit | 1 |
+    | 7 | rear_steer_command | rad | rear angle limit | 1 |
+
+    Names, scales and mirror signs are `env.unwrapped.observation_names`, `.observation_scale`, `.observation_mirror`.
+
+    ## Reward
+
+    `reward="default"`: 1 / (1 + c), in (0, 1], with y, psi, beta, r after the step, the action u and its change du:
+
+        c = 1.0 y^2 + 20.0 psi^2 + 20.0 beta^2 + 2.0 r^2 + 0.2 |u|^2 + 0.2 |du|^2
+
+    `reward="quadratic"`: -(x'Qx + u'Ru), x = (lateral_position, heading, lateral_velocity, yaw_rate, front_steer,
+    rear_steer) before the step, u the action; Q = diag(0.25, 10.0, 0.0, 4.0, 0.0, 0.0), R = diag(0.1, 0.1), both in
+    `env.unwrapped.linear_model()`. An episode that ends before its time also pays, at its last step, the largest
+    x'Qx + u'Ru that a running episode can have, times the steps that are left of `horizon`: ending early never pays.
+
+    ## Starting state
+
+    Uniform and independent: lateral_position in +-0.4 m, course (heading + sideslip) in +-0.02 rad, sideslip in
+    +-0.3 rad, yaw_rate in +-0.8 rad/s. heading = course - sideslip, lateral_velocity = sideslip x speed; the rest is 0.
+
+    ## Episode end
+
+    Terminated, with the reason in `info["end"]`:
+
+    - `"spun"`: |sideslip| > 0.8, |yaw rate| > 2.0 rad/s or |heading| > 1.2 rad;
+    - `"left_lane"`: the body is wholly outside of the lane, 3.5 m wide: |lateral_position| > 1.75 m + half the body.
+
+    Truncated after 400 steps (8 s). `env.unwrapped.is_success` is then True if, during the whole last second,
+    |lateral_position| < 0.5 m, |heading| < 0.02, |sideslip| < 0.02 and |yaw rate| < 0.05 rad/s.
+
+    ## Info
+
+    `end` (a string) and `cost` (1.0 while a corner of the body is outside of the lane, else 0.0). With
+    `telemetry=True` also: front_slip_angle, rear_slip_angle [rad], front_lateral_force, rear_lateral_force [N],
+    lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2], sideslip [rad], front_saturation,
+    rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error [m], heading_error [rad], is_success.
+
+    ## Arguments
+
+    | Keyword | Default | Meaning |
+    |---------|---------|---------|
+    | vehicle | `"oversteer"` | a name in `bicycle_env.vehicles` or a `Vehicle` |
+    | tire | `"fiala"` | `"linear"`, `"tanh"`, `"fiala"`, `"magic_formula"` or a tire object |
+    | speed | `None` | m/s; not together with speed_ratio |
+    | speed_ratio | `None` | speed as a multiple of the vehicle's critical speed; 1.2 if neither is given |
+    | steer | `"both"` | `"front"`, `"rear"` or `"both"` |
+    | friction | `1.0` | road friction coefficient |
+    | geometry | `None` | `"small_angle"` or `"exact"`; by default small_angle for the linear tire, else exact |
+    | front_actuator | `Actuator(6 deg, 40 deg/s, 0.05 s)` | `Actuator(angle_limit, rate_limit, time_constant)`, rad and s |
+    | rear_actuator | `Actuator(3 deg, 9 deg/s, 0.05 s)` | the same for the rear axle |
+    | control_timestep | `0.02` | s between actions |
+    | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
+    | reward | `"default"` | `"default"` or `"quadratic"` |
+    | horizon | `None` | steps that a failure of the quadratic reward pays for; 400 by default |
+    | telemetry | `False` | more in `info` |
+    | render_mode | `None` | `"human"` or `"rgb_array"` |
+
+    `reset(options={"state": {"lateral_velocity": 1.0, "yaw_rate": 0.2}})` starts from a given state; names not given
+    are 0. Settable: longitudinal_position, lateral_position, heading, lateral_velocity, yaw_rate, front_steer,
+    rear_steer, front_steer_command, rear_steer_command.
+
+    ## Version history
+
+    - v0: first version.
+    """
 
     task_class = Stabilise

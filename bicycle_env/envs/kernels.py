@@ -63,42 +63,48 @@ def new_memory(task: Task, car: Car, rules: Rules, settings: Any, scale: Any, bo
     return np.array([*episode, *car, *rules, *settings, *scale, *bound, *task.preview_times], dtype=np.float64)
 
 
+class _Access(NamedTuple):
+    """Inlined functions between the array and the named tuples that the laws are written with."""
+
+    world: Any
+    """``world(memory) -> World``."""
+    state: Any
+    """``state(memory) -> CarState``."""
+    kept: Any
+    """``kept(memory) -> Memory``."""
+    keep: Any
+    """``keep(state, kept, memory)``: all but the route, which stays the same."""
+    keep_route: Any
+    """``keep_route(route, memory)``."""
+    write: Any
+    """``write(state, kept, world, memory, observation)``."""
+
+
 @functools.cache
-def _kernels(task_class: type[Task], entries: int, previews: int, tire: Tire, geometry: str, reward: str) -> Kernels:
+def _access(task_class: type[Task]) -> _Access:
     task = task_class()
     Route, Settings = task.Route, task.Settings
     route_size, settings_size = len(Route._fields), len(Settings._fields)
     cars = MEMORY + route_size
-    rules, own = cars + CAR, cars + CAR + RULES
-    scales = own + settings_size
-    bounds, times = scales + entries, scales + 2 * entries
-    fixed = entries - previews
-
-    start_law = NUMBA.function(task.start(NUMBA))
+    rules, settings = cars + CAR, cars + CAR + RULES
+    scales = settings + settings_size
     observe_law = NUMBA.function(task.observe(NUMBA))
     preview_law = NUMBA.function(task.preview(NUMBA))
-    reference_law = NUMBA.function(task.reference(NUMBA))
-    step_law = NUMBA.function(transition(NUMBA, task, tire, geometry, reward))
-    axles_law = NUMBA.function(axles(NUMBA, tire, geometry))
 
-    @NUMBA.function
-    def world_of(memory: Any) -> World:
+    def world(memory: Any) -> World:
         return World(
             Car(*to_fixed_tuple(memory[cars:rules], CAR)),
-            Rules(*to_fixed_tuple(memory[rules:own], RULES)),
-            Settings(*to_fixed_tuple(memory[own:scales], settings_size)),
+            Rules(*to_fixed_tuple(memory[rules:settings], RULES)),
+            Settings(*to_fixed_tuple(memory[settings:scales], settings_size)),
         )
 
-    @NUMBA.function
-    def state_of(memory: Any) -> CarState:
+    def state(memory: Any) -> CarState:
         return CarState(*to_fixed_tuple(memory[:STATE], STATE))
 
-    @NUMBA.function
-    def remembered(memory: Any) -> Memory:
+    def kept(memory: Any) -> Memory:
         route = Route(*to_fixed_tuple(memory[MEMORY:cars], route_size))
         return Memory(memory[STATE], memory[STATE + 1], memory[STEPS], memory[SETTLED], route)
 
-    @NUMBA.function
     def keep(state: CarState, kept: Memory, memory: Any) -> None:
         for j in range(STATE):
             memory[j] = state[j]
@@ -107,70 +113,97 @@ def _kernels(task_class: type[Task], entries: int, previews: int, tire: Tire, ge
         memory[STEPS] = kept.steps
         memory[SETTLED] = kept.settled_steps
 
-    def nothing_to_keep(route: Any, memory: Any) -> None:
-        return  # numba cannot index an empty tuple
-
-    def keep_all(route: Any, memory: Any) -> None:
+    def keep_route(route: Any, memory: Any) -> None:
         for j in range(route_size):
             memory[MEMORY + j] = route[j]
 
-    keep_route = NUMBA.function(keep_all if route_size else nothing_to_keep)
+    def keep_nothing(route: Any, memory: Any) -> None:  # numba cannot index an empty tuple
+        return
 
-    @NUMBA.function
     def write(state: CarState, kept: Memory, world: World, memory: Any, observation: Any) -> None:
+        entries = len(observation)
+        bounds, times = scales + entries, scales + 2 * entries
         values = observe_law(state, kept, world)
+        fixed = len(values)
         for j in range(fixed):
             observation[j] = values[j] / memory[scales + j]
-        for j in range(previews):
-            ahead = preview_law(state, kept.route, world, memory[times + j])
-            observation[fixed + j] = ahead / memory[scales + fixed + j]
+        for j in range(fixed, entries):
+            ahead = preview_law(state, kept.route, world, memory[times + j - fixed])
+            observation[j] = ahead / memory[scales + j]
         for j in range(entries):
             bound = np.float32(memory[bounds + j])
             observation[j] = min(max(observation[j], -bound), bound)
 
+    return _Access(*map(NUMBA.function, (world, state, kept, keep, keep_route if route_size else keep_nothing, write)))
+
+
+@functools.cache
+def _beginning(task_class: type[Task]) -> tuple[Any, Any]:
+    """``start`` and ``look``, the same for every tire, geometry and reward."""
+    access = _access(task_class)
+    start_law = NUMBA.function(task_class().start(NUMBA))
+
     def start(memory: Any, observation: Any, uniforms: Any) -> None:
-        world = world_of(memory)
+        world = access.world(memory)
         state, route = start_law(uniforms, world)
         zero = 0.0 * uniforms[0]
         kept = Memory(zero, zero, zero, zero, route)
-        keep(state, kept, memory)
-        keep_route(route, memory)
-        write(state, kept, world, memory, observation)
+        access.keep(state, kept, memory)
+        access.keep_route(route, memory)
+        access.write(state, kept, world, memory, observation)
 
     def look(memory: Any, observation: Any) -> None:
-        write(state_of(memory), remembered(memory), world_of(memory), memory, observation)
+        access.write(access.state(memory), access.kept(memory), access.world(memory), memory, observation)
+
+    return (
+        compiled.entry_point(start, numba.void(_row, _observation, _row)),
+        compiled.entry_point(look, numba.void(_row, _observation)),
+    )
+
+
+@functools.cache
+def _stepping(task_class: type[Task], tire: Tire, geometry: str, reward: str) -> Any:
+    access = _access(task_class)
+    step_law = NUMBA.function(transition(NUMBA, task_class(), tire, geometry, reward))
 
     def step(memory: Any, observation: Any, front: float, rear: float) -> tuple[float, int, float]:
         if not (np.isfinite(front) and np.isfinite(rear)):
             return 0.0, BAD_ACTION, 0.0
-        world = world_of(memory)
+        world = access.world(memory)
         front = min(max(front, -1.0), 1.0) * world.rules.steers_front
         rear = min(max(rear, -1.0), 1.0) * world.rules.steers_rear
-        substeps = int(world.rules.substeps)
-        state, kept, gained, end, cost = step_law(state_of(memory), remembered(memory), (front, rear), world, substeps)
-        keep(state, kept, memory)
-        write(state, kept, world, memory, observation)
+        state, kept, gained, end, cost = step_law(
+            access.state(memory), access.kept(memory), (front, rear), world, int(world.rules.substeps)
+        )
+        access.keep(state, kept, memory)
+        access.write(state, kept, world, memory, observation)
         return gained, end, cost
 
+    result = numba.types.Tuple((numba.float64, numba.int64, numba.float64))
+    return compiled.entry_point(step, result(_row, _observation, numba.float64, numba.float64))
+
+
+@functools.cache
+def _measuring(task_class: type[Task], tire: Tire, geometry: str) -> Any:
+    access = _access(task_class)
+    axles_law = NUMBA.function(axles(NUMBA, tire, geometry))
+    reference_law = NUMBA.function(task_class().reference(NUMBA))
+
     def measure(memory: Any, out: Any) -> None:
-        world, state = world_of(memory), state_of(memory)
+        world, state = access.world(memory), access.state(memory)
         acting = axles_law(state, world.car)
-        reference = reference_law(state, remembered(memory).route, world)
+        reference = reference_law(state, access.kept(memory).route, world)
         for j in range(len(acting)):
             out[j] = acting[j]
         for j in range(len(reference)):
             out[len(acting) + j] = reference[j]
 
-    result = numba.types.Tuple((numba.float64, numba.int64, numba.float64))
-    with compiled.progress(f"{task.name} with the {type(tire).__name__} tire, {geometry} geometry"):
-        return Kernels(
-            start=compiled.entry_point(start, numba.void(_row, _observation, _row)),
-            look=compiled.entry_point(look, numba.void(_row, _observation)),
-            step=compiled.entry_point(step, result(_row, _observation, numba.float64, numba.float64)),
-            measure=compiled.entry_point(measure, numba.void(_row, _row)),
-        )
+    return compiled.entry_point(measure, numba.void(_row, _row))
 
 
-def kernels(task: Task, entries: int, tire: Tire, geometry: str, reward: str) -> Kernels:
+def kernels(task_class: type[Task], tire: Tire, geometry: str, reward: str) -> Kernels:
     """Compiled functions, shared by all environments of the same combination in this process."""
-    return _kernels(type(task), entries, len(task.preview_times), tire, geometry, reward)
+    with compiled.progress(f"{task_class.name} with the {type(tire).__name__} tire, {geometry} geometry"):
+        start, look = _beginning(task_class)
+        step = _stepping(task_class, tire, geometry, reward)
+        return Kernels(start, look, step, _measuring(task_class, tire, geometry))

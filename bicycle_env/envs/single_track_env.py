@@ -97,7 +97,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = spaces.Box(-1.0, 1.0, (axles,), np.float32)
         self._action_shape = (axles,)
 
-        self._rules = self.task.rules(
+        self.rules = self.task.rules(
             control_timestep=self.control_timestep,
             substeps=self.substeps,
             horizon=self.horizon,
@@ -107,7 +107,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._memory = kernels.new_memory(
             self.task,
             car_on_road(self.vehicle, self.speed, self.friction, self.front_actuator, self.rear_actuator),
-            self._rules,
+            self.rules,
             self.task.settings(self.speed),
             self.observation_scale,
             bound,
@@ -120,7 +120,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._bind()
 
     def _bind(self) -> None:
-        self._kernels = kernels.kernels(self.task, self._observation_size, self.tire, self.geometry, self.reward)
+        self._kernels = kernels.kernels(self.task_class, self.tire, self.geometry, self.reward)
         self._step = self._kernels.step
 
     @property
@@ -228,12 +228,12 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def linear_model(self) -> LinearModel:
         """What one control step integrates, linearised at straight running; exact for the linear tire, small angles."""
-        columns = [k for k, steered in enumerate((self._rules.steers_front, self._rules.steers_rear)) if steered]
+        columns = [k for k, steered in enumerate((self.rules.steers_front, self.rules.steers_rear)) if steered]
         actuators = (self.front_actuator, self.rear_actuator)
         scale = np.array([actuators[k].angle_limit for k in columns])
         a, b = continuous_model(self.vehicle, self.speed, actuators)
         a, b = rk4_map(a, b[:, columns] * scale, self.control_timestep, self.substeps)
-        rules = self._rules
+        rules = self.rules
         state_costs = (
             rules.lateral_cost,
             rules.heading_cost,
@@ -287,6 +287,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         for axle, load in (("front", self.vehicle.front_axle_load), ("rear", self.vehicle.rear_axle_load)):
             telemetry[f"{axle}_saturation"] = abs(measured[f"{axle}_lateral_force"]) / (self.friction * load)
         telemetry["lateral_error"] = state.lateral_position - measured["reference_lateral_position"]
+        telemetry["goal_error"] = state.lateral_position - measured["reference_goal"]
         telemetry["heading_error"] = state.heading - measured["reference_heading"]
         telemetry["is_success"] = self.is_success
         return telemetry

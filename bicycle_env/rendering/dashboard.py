@@ -18,6 +18,8 @@ FAINT: Colour = (150, 154, 160)
 GROOVE: Colour = (58, 62, 68)
 
 GAUGE_WIDTH = 132
+SCALE_BAR = 5.0
+"""m."""
 LIMIT_MARGIN = 1.18
 """The phase plane reaches this much beyond the limits."""
 TICKS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
@@ -29,6 +31,8 @@ class Reading(NamedTuple):
     speed: float
     critical_speed: float
     """Infinite for a car that has none."""
+    tire: str
+    friction: float
     time: float
     sideslip: float
     yaw_rate: float
@@ -56,10 +60,14 @@ def _font(size: int) -> Any:
 
 @functools.lru_cache(maxsize=512)
 def _text(words: str, size: int, colour: Colour) -> Any:
-    return _font(size).render(words, True, colour)
+    # At twice the size and reduced: the letters of small sizes are set too far apart.
+    large = _font(2 * size).render(words, True, colour)
+    return pygame.transform.smoothscale_by(large, 0.5)
 
 
-def write(surface: Any, words: str, place: Point, size: int = 20, colour: Colour = TEXT, anchor: str = "midleft") -> None:
+def write(
+    surface: Any, words: str, place: Point, size: int = 20, colour: Colour = TEXT, anchor: str = "midleft"
+) -> None:
     """Put one line of text; `anchor` is the name of a pygame.Rect corner."""
     image = _text(words, size, colour)
     surface.blit(image, image.get_rect(**{anchor: (round(place[0]), round(place[1]))}))
@@ -79,8 +87,9 @@ def paint_ruler(surface: Any, scene: Scene, scale: float, area: Any) -> None:
 def paint_numbers(surface: Any, reading: Reading, area: Any) -> None:
     """The table of numbers."""
     rows = [
-        ("speed", f"{reading.speed:.1f} m/s  =  {3.6 * reading.speed:.0f} km/h"),
-        ("critical speed", _against_critical(reading)),
+        ("speed", f"{reading.speed:.1f} m/s = {3.6 * reading.speed:.0f} km/h"),
+        ("speed ratio", _against_critical(reading)),
+        ("tire", f"{reading.tire}, friction {reading.friction:.2f}"),
         ("time", f"{reading.time:.2f} s"),
         ("sideslip", f"{_degrees(reading.sideslip)}°"),
         ("yaw rate", f"{_degrees(reading.yaw_rate)}°/s"),
@@ -88,17 +97,17 @@ def paint_numbers(surface: Any, reading: Reading, area: Any) -> None:
         ("rear steer", f"{_degrees(reading.rear_steer)}°"),
     ]
     for k, (name, value) in enumerate(rows):
-        y = area.top + 12 + 25 * k
-        write(surface, name, (area.left, y), 21, FAINT)
-        write(surface, value, (area.left + 112, y), 23)
+        y = area.top + 13 + 22 * k
+        write(surface, name, (area.left, y), 22, FAINT)
+        write(surface, value, (area.left + 96, y), 22)
     word, colour = ("running", TEXT)
     if reading.end:
-        word, colour = f"ended: {reading.end.replace('_', ' ')}", p.YELLOW
+        word, colour = f"ended: {_said(reading.end)}", p.YELLOW
     elif reading.settled:
-        word, colour = "running straight again", p.SKY_BLUE
-    y = area.top + 12 + 25 * len(rows)
-    write(surface, "episode", (area.left, y), 21, FAINT)
-    write(surface, word, (area.left + 112, y), 23, colour)
+        word, colour = "settled, running straight", p.SKY_BLUE
+    y = area.top + 13 + 22 * len(rows)
+    write(surface, "episode", (area.left, y), 22, FAINT)
+    write(surface, word, (area.left + 96, y), 22, colour)
 
 
 def paint_gauges(surface: Any, reading: Reading, area: Any) -> None:
@@ -138,11 +147,11 @@ def paint_legend(surface: Any, scene: Scene, scale: float, area: Any) -> None:
         outline = arrow_outline(Arrow((x, y), (x + 30.0, y)), 5.0)
         pygame.draw.polygon(surface, colour, outline)
 
-    top, second = area.top + 10, area.left + 178
+    top, second = area.top + 10, area.left + 200
     arrow(area.left, top, p.FORCE)
-    write(surface, "axle's lateral force", (area.left + 38, top), 19)
+    write(surface, "lateral force of an axle", (area.left + 38, top), 19)
     arrow(area.left, top + 20, p.SATURATED_FORCE)
-    write(surface, "the same, no grip left", (area.left + 38, top + 20), 19)
+    write(surface, "the same, grip used up", (area.left + 38, top + 20), 19)
     arrow(area.left, top + 40, p.TRAVEL)
     write(surface, "direction of travel", (area.left + 38, top + 40), 19)
     for x in (second, second + 18):
@@ -154,6 +163,11 @@ def paint_legend(surface: Any, scene: Scene, scale: float, area: Any) -> None:
         pygame.draw.rect(surface, p.TARGET, (second, top + 33, 30, 14))
         pygame.draw.rect(surface, FAINT, (second, top + 33, 30, 14), 1)
         write(surface, "target lane", (second + 38, top + 40), 19)
+    y, end = top + 59, area.left + round(SCALE_BAR * scale)
+    pygame.draw.line(surface, TEXT, (area.left, y), (end, y), 2)
+    for x in (area.left, end):
+        pygame.draw.line(surface, TEXT, (x, y - 4), (x, y + 5))
+    write(surface, f"{SCALE_BAR:g} m, along and across", (end + 8, y), 19)
 
 
 def paint_phase_plane(surface: Any, reading: Reading, history: Sequence[Point], area: Any) -> None:
@@ -169,7 +183,7 @@ def paint_phase_plane(surface: Any, reading: Reading, history: Sequence[Point], 
     pygame.draw.rect(surface, RULER, plot)
     for axis, limit in enumerate(limits):
         reach = math.degrees(LIMIT_MARGIN * limit)
-        step = next((tick for tick in TICKS if 2.4 * tick > reach), TICKS[-1])
+        step = max(tick for tick in TICKS if 2.0 * tick <= reach or tick == TICKS[0])
         count = int(reach / step)
         for value in (k * step for k in range(-count, count + 1)):
             place = (math.radians(value), -1e9) if axis == 0 else (-1e9, math.radians(value))
@@ -183,7 +197,6 @@ def paint_phase_plane(surface: Any, reading: Reading, history: Sequence[Point], 
                 write(surface, label, (plot.left - 5, y), 17, anchor="midright")
     corners = [pixel((su * limits[0], sv * limits[1])) for su, sv in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     pygame.draw.polygon(surface, p.VERMILLION, corners, 2)
-    x, y = corners[3]
     write(surface, "beyond the box: spun", ((plot.left + plot.right) / 2, plot.top - 9), 18, p.VERMILLION, "center")
     now = (reading.sideslip, reading.yaw_rate)
     points = [pixel(point) for point in (*history, now)]
@@ -198,8 +211,7 @@ def paint_phase_plane(surface: Any, reading: Reading, history: Sequence[Point], 
 
 def paint_end(surface: Any, reading: Reading, area: Any, at_top: bool) -> None:
     """Why the episode has ended, in big letters across the road."""
-    words = reading.end.replace("_", " ").upper()
-    image = _text(words, 64, p.WHITE)
+    image = _text(_said(reading.end).upper(), 64, p.WHITE)
     box = pygame.Rect(0, 0, image.get_width() + 60, 64)
     box.centerx = area.centerx
     box.top = area.top + 10 if at_top else area.bottom - 10 - box.height
@@ -216,6 +228,11 @@ def _groove(surface: Any, name: str, value: str, left: int, y: int) -> Any:
     return groove
 
 
+def _said(end: str) -> str:
+    """An end as words: "left_lane" must not be read as the lane on the left."""
+    return end.replace("left_", "left the ").replace("_", " ")
+
+
 def _degrees(angle: float) -> str:
     text = f"{math.degrees(angle):+.1f}"
     return "0.0" if text in ("+0.0", "-0.0") else text
@@ -223,6 +240,6 @@ def _degrees(angle: float) -> str:
 
 def _against_critical(reading: Reading) -> str:
     if math.isinf(reading.critical_speed):
-        return "none: stable at any speed"
+        return "stable at any speed"
     ratio = reading.speed / reading.critical_speed
-    return f"{reading.critical_speed:.1f} m/s;  now {ratio:.2f} times that"
+    return f"{ratio:.2f} times critical ({reading.critical_speed:.1f} m/s)"

@@ -16,7 +16,7 @@ from bicycle_env.rendering.scene import Arrow, Point, Scene, Shape, arrow_outlin
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 try:
-    import pygame
+    import pygame as pygame  # a re-export, for the modules beside this one
 except ImportError as error:
     raise DependencyNotInstalled('render() needs pygame-ce: pip install "bicycle-env[render]"') from error
 
@@ -31,7 +31,7 @@ PURPLE: Colour = (204, 121, 167)
 WHITE: Colour = (244, 244, 240)
 BLACK: Colour = (12, 13, 15)
 ASPHALT: Colour = (56, 59, 64)
-TARGET: Colour = (38, 84, 74)
+TARGET: Colour = (40, 66, 100)
 VERGE: Colour = (128, 139, 120)
 VERGE_STRIPE: Colour = (118, 129, 111)
 GLASS: Colour = (22, 40, 54)
@@ -41,7 +41,7 @@ FORCE, SATURATED_FORCE, TRAVEL, PATH, CAR, TRAIL = YELLOW, VERMILLION, PURPLE, G
 
 FINENESS = 2
 """The road is painted this many times as large and then reduced, which smooths all edges."""
-FORCE_WIDTH, TRAVEL_WIDTH, PATH_WIDTH, TRAIL_WIDTH = 0.22, 0.13, 0.14, 0.09
+FORCE_WIDTH, TRAVEL_WIDTH, PATH_WIDTH, TRAIL_WIDTH = 0.22, 0.13, 0.17, 0.09
 """m."""
 
 
@@ -64,8 +64,9 @@ class View(NamedTuple):
             0.5 * self.height - 0.5 - (point[1] - self.middle) * self.scale,
         )
 
-    def pixels(self, shape: Shape) -> list[Point]:
-        return [self.pixel(point) for point in shape]
+    def pixels(self, shape: Shape) -> list[tuple[int, int]]:
+        # Rounded here: pygame cuts fractions off, which moves shapes up.
+        return [(round(x), round(y)) for x, y in map(self.pixel, shape)]
 
 
 def pixels_per_metre(scene: Scene, height: int) -> float:
@@ -122,9 +123,14 @@ def _fill(surface: Any, view: View, shapes: Sequence[Shape], colour: Colour) -> 
 
 
 def _outline(surface: Any, view: View, shape: Shape, colour: Colour, width: float) -> None:
-    pygame.draw.polygon(surface, colour, view.pixels(shape), max(1, round(width * view.scale)))
+    pygame.draw.polygon(surface, colour, view.pixels(shape), _thickness(view, width))
 
 
 def _stroke(surface: Any, view: View, shape: Shape, colour: Colour, width: float) -> None:
     if len(shape) > 1:
-        pygame.draw.lines(surface, colour, False, view.pixels(shape), max(1, round(width * view.scale)))
+        pygame.draw.lines(surface, colour, False, view.pixels(shape), _thickness(view, width))
+
+
+def _thickness(view: View, width: float) -> int:
+    """An odd number of pixels: pygame draws lines of an even one beside their middle."""
+    return max(1, round(width * view.scale)) | 1

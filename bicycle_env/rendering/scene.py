@@ -40,10 +40,10 @@ PATH_DASH = 3
 
 # Half outlines in the body frame: (part of the way from the centre of mass to the front (+) or rear (-) end, part of
 # the half body width).
-_BODY = ((1.0, 0.45), (0.97, 0.74), (0.85, 0.93), (0.6, 1.0), (-0.75, 1.0), (-0.93, 0.92), (-1.0, 0.72))
-_WINDSCREEN = ((0.36, 0.50), (0.30, 0.80), (0.06, 0.66))
-_REAR_WINDOW = ((-0.50, 0.62), (-0.70, 0.74))
-_HEADLIGHT = ((0.985, 0.50), (0.955, 0.74), (0.88, 0.72), (0.91, 0.46))
+_BODY = ((1.0, 0.36), (0.96, 0.68), (0.84, 0.90), (0.6, 1.0), (-0.80, 1.0), (-0.95, 0.94), (-1.0, 0.80))
+_WINDSCREEN = ((0.40, 0.40), (0.34, 0.70), (0.28, 0.84), (0.02, 0.66))
+_REAR_WINDOW = ((-0.56, 0.62), (-0.68, 0.70))
+_HEADLIGHT = ((0.98, 0.44), (0.945, 0.70), (0.86, 0.74), (0.89, 0.42))
 _TAILLIGHT = ((-0.985, 0.45), (-0.965, 0.80), (-0.91, 0.82), (-0.93, 0.45))
 
 
@@ -116,7 +116,8 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
     vehicle, rules = setup.vehicle, setup.world.rules
     middle, edge = measured["reference_road_centre"], rules.road_half_width
     # The centre of mass may come half a body beyond the edge, and then the car may stand across the road.
-    half_height = edge + 0.5 * vehicle.body_width + max(vehicle.front_extent, vehicle.rear_extent)
+    half_body = 0.5 * vehicle.body_width
+    half_height = edge + half_body + math.hypot(max(vehicle.front_extent, vehicle.rear_extent), half_body)
     width = 2.0 * half_height * setup.aspect
     x, y = state.longitudinal_position, state.lateral_position
     left = x - BEHIND * width
@@ -157,7 +158,7 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
         if changes_lane
         else (),
         path_dashes=_path(setup, state, left, right),
-        trail=tuple(point for point in trail if left <= point[0] <= right),
+        trail=tuple(point for point in trail if left - width <= point[0] <= right + width),
         body=frame.closed(_scaled(_BODY, vehicle)),
         windscreen=frame.closed(_scaled(_WINDSCREEN, vehicle)),
         rear_window=frame.closed(_scaled(_REAR_WINDOW, vehicle)),

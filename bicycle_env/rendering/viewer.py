@@ -50,8 +50,8 @@ class Viewer:
     def draw(self) -> NDArray[np.uint8] | None:
         """The present state: a new array (540, 960, 3), or the window brought up to date and None."""
         if self._env.render_mode != "human":
-            image = pygame.surfarray.array3d(self._frame())
-            return np.ascontiguousarray(image.transpose(1, 0, 2))
+            pixels = pygame.image.tobytes(self._frame(), "RGB")
+            return np.frombuffer(pixels, np.uint8).reshape(HEIGHT, WIDTH, 3).copy()
         if not self._shut:
             self._show(self._frame())
         return None
@@ -71,8 +71,8 @@ class Viewer:
         dashboard.paint_ruler(surface, scene, scale, pygame.Rect(0, ROAD_HEIGHT, WIDTH, RULER_HEIGHT))
         top = ROAD_HEIGHT + RULER_HEIGHT
         dashboard.paint_numbers(surface, reading, pygame.Rect(16, top, 320, HEIGHT - top))
-        dashboard.paint_gauges(surface, reading, pygame.Rect(345, top + 4, 320, 120))
-        dashboard.paint_legend(surface, scene, scale, pygame.Rect(345, top + 136, 320, 66))
+        dashboard.paint_gauges(surface, reading, pygame.Rect(328, top + 2, 330, 120))
+        dashboard.paint_legend(surface, scene, scale, pygame.Rect(328, top + 126, 330, 80))
         history = [moment.phase for moment in self._history]
         dashboard.paint_phase_plane(surface, reading, history, pygame.Rect(676, top + 2, 278, HEIGHT - top - 2))
         if reading.end:
@@ -89,6 +89,8 @@ class Viewer:
         reading = Reading(
             speed=env.speed,
             critical_speed=env.vehicle.critical_speed,
+            tire=type(env.tire).__name__,
+            friction=env.friction,
             time=state.time,
             sideslip=state.lateral_velocity / env.speed,
             yaw_rate=state.yaw_rate,
@@ -129,7 +131,7 @@ class Viewer:
 
 def setup_of(env: Any) -> Setup:
     """What stays the same in all pictures of an environment."""
-    rules = env._rules
+    rules = env.rules
     car = car_on_road(env.vehicle, env.speed, env.friction, env.front_actuator, env.rear_actuator)
     return Setup(
         vehicle=env.vehicle,

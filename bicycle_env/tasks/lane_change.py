@@ -11,7 +11,7 @@ from bicycle_env.tasks.task import Entry, Memory, Reference, Rules, Task, World,
 
 DIRECTIONS = {"left": 1.0, "right": -1.0, "random": 0.0}
 LATEST_START = 100.0  # s
-DURATION = 2.0  # s
+DURATION = 1.5  # s
 PREVIEW_POINTS_LIMIT = 500
 
 

@@ -46,7 +46,6 @@ def test_never_above_the_peak_force(name):
     force = np.abs(tires.resolve(name).lateral_force(WIDE, C, PEAK))
     assert np.all(force <= PEAK * (1.0 + 1e-15))
     assert force.max() > 0.99 * PEAK
-    assert np.all(force <= C * WIDE * (1.0 + 1e-12) + 0.5 * C * WIDE**2)
 
 
 @pytest.mark.parametrize("name", SATURATING)
@@ -98,7 +97,6 @@ def test_fiala_rises_until_it_slides():
 @pytest.mark.parametrize("shape", [1.05, 1.3, 1.65, 1.9])
 @pytest.mark.parametrize("curvature", [-5.0, -1.0, 0.0, 0.5])
 def test_magic_formula_peaks_at_d_when_the_shape_exceeds_one(shape, curvature):
-    # the sine's argument reaches a quarter turn where atan(...) = pi / (2 c); find that slip angle
     tire = tires.MagicFormula(shape=shape, curvature=curvature)
     angles = np.concatenate([np.linspace(0.0, 2.0, 20001), 10.0 ** np.linspace(0.3, 4.0, 4000)])
     force = -tire.lateral_force(angles, C, PEAK)

@@ -1,0 +1,55 @@
+# make demo, make test: from an empty machine with Python 3.11 or newer. Everything is installed into .venv.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
+
+.PHONY: help demo test lint lane-change benchmark gymnasium-versions clean
+
+help:
+	@echo "make demo                train, compare with LQR, draw: results/demo.json and results/demo/*.png"
+	@echo "make test                install what the tests need and run them"
+	@echo "make lint                ruff and mypy"
+	@echo "make lane-change         learn the lane change with five seeds: results/lane_change.json (6 minutes)"
+	@echo "make benchmark           speed beside CartPole and highway-env: results/single_env.json"
+	@echo "make gymnasium-versions  contract checks on gymnasium $(GYMNASIUM_VERSIONS)"
+
+$(VENV)/bin/python:
+	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'Python 3.11 or newer is needed, this is ' + sys.version)"
+	$(PYTHON) -m venv $(VENV)
+
+# One stamp per set of extras: installed once, and again when the requirements change.
+$(VENV)/.installed-%: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e ".[$*]"
+	@touch $@
+
+demo: $(VENV)/.installed-demo
+	$(BIN)/python -m agents.demo
+
+test: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n auto
+
+lint: $(VENV)/.installed-test
+	$(BIN)/python -m ruff format --check .
+	$(BIN)/python -m ruff check .
+	$(BIN)/python -m mypy
+
+lane-change: $(VENV)/.installed-demo
+	$(BIN)/python -m agents.lane_change
+
+benchmark: $(VENV)/.installed-bench
+	$(BIN)/python benchmarks/single_env.py --json results/single_env.json
+
+gymnasium-versions:
+	@for version in $(GYMNASIUM_VERSIONS); do \
+		echo "== gymnasium $$version"; \
+		$(PYTHON) -m venv .venv-gymnasium-$$version && \
+		grep -v '^gymnasium==' constraints.txt > .venv-gymnasium-$$version/constraints.txt && \
+		.venv-gymnasium-$$version/bin/python -m pip install -q --disable-pip-version-check \
+			-c .venv-gymnasium-$$version/constraints.txt -e ".[test]" "gymnasium==$$version" && \
+		.venv-gymnasium-$$version/bin/python -m pytest -q -n auto tests/contracts || exit 1; \
+	done
+
+clean:
+	rm -rf $(VENV) .venv-gymnasium-* build dist *.egg-info

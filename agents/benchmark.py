@@ -1,0 +1,188 @@
+"""Train several seeds, evaluate all on the same starts beside the classical controllers, write one results file.
+
+    python -m agents.benchmark --env-id BicycleLaneChange-v0 --algo ppo --seeds 5
+
+Writes results/ENV_ID-ALGO.json and, beside it, a picture of the learning curves and one of driven episodes.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from agents import messages, pictures, provenance, settings
+from agents.episodes import evaluate, summarise
+from agents.evaluate import COLUMNS, LANE_CHANGE_COLUMNS, make_env, table
+from agents.messages import UserError
+from agents.statistics import bootstrap, iqm
+from bicycle_env import control
+from bicycle_env.files import write_json
+
+CONTROLLERS = ("lqr", "zero")
+
+
+@dataclass
+class Args:
+    """Train with several seeds and compare with LQR and the uncontrolled car."""
+
+    env_id: str = "BicycleLaneChange-v0"
+    """Environment id."""
+    algo: Literal["ppo", "sac", "td3"] = "ppo"
+    """Algorithm of Stable-Baselines3."""
+    seeds: int = 5
+    """How many: 0, 1, 2, ..."""
+    episodes: int = 200
+    """Starts of the evaluation, the same for every policy."""
+    evaluation_seed: int = 1
+    """Seed of these starts."""
+    total_timesteps: int | None = None
+    """Training steps; by default as agents/configs says."""
+    jobs: int = 2
+    """Trainings at a time, one core each."""
+    out: Path | None = None
+    """Results file; by default results/ENV_ID-ALGO.json."""
+    runs: Path | None = None
+    """Folder for the runs; by default a new one under runs/. Finished runs found there are kept, others go on."""
+    median_of_lqr: float = 0.0
+    """Exit 1 if the median success over seeds is below this share of LQR's."""
+    worst_of_lqr: float = 0.0
+    """Exit 1 if any seed's success is below this share of LQR's."""
+
+
+def train_all(args: Args, folder: Path, total: int) -> list[Path]:
+    """Run the trainings in processes of their own, `jobs` at a time; gives the runs' folders."""
+    folders = [folder / f"seed{seed}" for seed in range(args.seeds)]
+    waiting = [(seed, place) for seed, place in enumerate(folders) if not (place / "policy.json").is_file()]
+    running: dict[Path, tuple[subprocess.Popen[str], Any]] = {}
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        while waiting or running:
+            while waiting and len(running) < args.jobs:
+                seed, place = waiting.pop(0)
+                command = [sys.executable, "-m", "agents.train", "--env-id", args.env_id, "--algo", args.algo]
+                command += ["--seed", str(seed), "--total-timesteps", str(total), "--out", str(place), "--quiet"]
+                if (place / "run.json").is_file():
+                    command.append("--resume")
+                process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+                running[place] = process, bar.add_task(f"seed {seed}", total=total)
+            for place, (process, job) in list(running.items()):
+                progress = place / "checkpoint" / "progress.json"
+                if progress.is_file():
+                    bar.update(job, completed=json.loads(progress.read_text(encoding="utf-8"))["timesteps"])
+                if process.poll() is not None:
+                    del running[place]
+                    bar.update(job, completed=total)
+                    if process.returncode:
+                        _, errors = process.communicate()
+                        for other, _ in running.values():
+                            other.terminate()
+                        raise UserError(f"training in {place} failed: {errors.strip().splitlines()[-1:]}")
+            time.sleep(0.5)
+    return folders
+
+
+def aggregate(seeds: list[dict[str, Any]]) -> dict[str, Any]:
+    """Interquartile mean over seeds with a 95 % bootstrap interval, per figure."""
+    found: dict[str, Any] = {}
+    for key in ("success_rate", *(column[0] for column in COLUMNS + LANE_CHANGE_COLUMNS)):
+        values = [row[key]["value"] for row in seeds if key in row]
+        if len(values) == len(seeds):
+            found[key] = {"value": iqm(values), "interval": bootstrap(values, iqm), "median": float(np.median(values))}
+            found[key]["worst" if key == "success_rate" else "least"] = min(values)
+    return found
+
+
+def print_tables(console: Console, args: Args, controllers: dict[str, Any], seeds: list[Any], whole: Any) -> None:
+    """One row per policy, then the aggregate over seeds."""
+    rows = {**controllers, **{f"{args.algo} seed {k}": row for k, row in enumerate(seeds)}}
+    console.print(table(args.env_id, rows))
+    result = Table(title=f"{args.algo.upper()} over {len(seeds)} seeds: interquartile mean [95 % bootstrap interval]")
+    headings = [("success_rate", "success [%]", 100.0, ".1f"), *COLUMNS, *LANE_CHANGE_COLUMNS]
+    shown = [column for column in headings if column[0] in whole]
+    for _, heading, _, _ in shown:
+        result.add_column(heading, justify="right")
+    cells = []
+    for key, _, factor, form in shown:
+        value, (low, high) = whole[key]["value"], whole[key]["interval"]
+        cells.append(f"{value * factor:{form}} [{low * factor:{form}}, {high * factor:{form}}]")
+    result.add_row(*cells)
+    console.print(result)
+
+
+def main() -> int:
+    args = tyro.cli(Args, description=__doc__)
+    if args.seeds < 1 or args.jobs < 1:
+        raise UserError(f"--seeds and --jobs must be at least 1, got {args.seeds} and {args.jobs}")
+    console = Console()
+    total = args.total_timesteps or settings.read(args.env_id, args.algo).total_timesteps
+    folder = args.runs or Path("runs") / time.strftime(f"benchmark-{args.env_id}-{args.algo}-%Y%m%d-%H%M%S")
+    console.print(f"training {args.algo.upper()} on {args.env_id}, {args.seeds} seeds of {total:,} steps, in {folder}")
+    folders = train_all(args, folder, total)
+
+    env = make_env(args.env_id, {"telemetry": True})
+    plant: Any = env.unwrapped
+    controllers = {
+        name: summarise(evaluate(env, control.make(name, plant), args.episodes, args.evaluation_seed))
+        for name in CONTROLLERS
+    }
+    seeds, trainings = [], []
+    for place in folders:
+        seeds.append(summarise(evaluate(env, control.load(place), args.episodes, args.evaluation_seed)))
+        run = json.loads((place / "run.json").read_text(encoding="utf-8"))
+        trainings.append({key: run[key] for key in ("seed", "timesteps", "seconds")})
+    whole = aggregate(seeds)
+    print_tables(console, args, controllers, seeds, whole)
+
+    out = args.out or Path("results") / f"{args.env_id}-{args.algo}.json"
+    lqr = controllers["lqr"]["success_rate"]["value"]
+    shares = [row["success_rate"]["value"] for row in seeds]
+    write_json(
+        out,
+        {
+            "command": f"python -m agents.benchmark --env-id {args.env_id} --algo {args.algo} --seeds {args.seeds}",
+            **provenance.collect(),
+            "env_id": args.env_id,
+            "algo": args.algo,
+            "evaluation_seed": args.evaluation_seed,
+            "trainings": trainings,
+            "controllers": controllers,
+            "seeds": seeds,
+            "over_seeds": whole,
+            "median_success_of_lqr": float(np.median(shares)) / lqr if lqr else None,
+            "worst_success_of_lqr": min(shares) / lqr if lqr else None,
+        },
+    )
+    curves, drive = out.with_suffix(".curves.png"), out.with_suffix(".drive.png")
+    pictures.learning_curves(
+        [place / "curve.csv" for place in folders],
+        args,
+        {name: row["success_rate"]["value"] for name, row in controllers.items()},
+        curves,
+    )
+    median = folders[int(np.argsort(shares)[len(shares) // 2])]
+    drivers = {"zero": control.make("zero", plant), "lqr": control.make("lqr", plant), "learned": control.load(median)}
+    pictures.drive(env, drivers, args.evaluation_seed, drive)
+    slowest = max(training["seconds"] for training in trainings)
+    console.print(
+        f"median success {np.median(shares):.3f} = {np.median(shares) / lqr if lqr else float('nan'):.2f} of LQR's, "
+        f"worst {min(shares):.3f} = {min(shares) / lqr if lqr else float('nan'):.2f}; slowest training {slowest:.0f} s\n"
+        f"written: {out}, {curves.name}, {drive.name}"
+    )
+    failed = np.median(shares) < args.median_of_lqr * lqr or min(shares) < args.worst_of_lqr * lqr
+    if failed:
+        console.print(f"below what was asked: median {args.median_of_lqr}, worst {args.worst_of_lqr} of LQR's success")
+    return int(failed)
+
+
+if __name__ == "__main__":
+    messages.run(main)

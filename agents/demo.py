@@ -1,0 +1,124 @@
+"""The demo: train a stabilising policy, compare it with LQR and the uncontrolled car, draw pictures.
+
+    python -m agents.demo          # what `make demo` runs after it has installed everything
+
+Exits 1 unless the table, the pictures and the learned policy's lead over the uncontrolled car are there.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+from rich.console import Console
+from rich.progress import track
+
+from agents import messages, provenance, train
+from agents.episodes import Episode, evaluate, start_seeds, summarise
+from agents.evaluate import make_env, table
+from bicycle_env import control
+from bicycle_env.files import write_json
+
+ENV_ID = "BicycleStab-v0"
+PICTURES = ("rescue.png", "starts.png", "learning_curve.png", "top_view.png")
+MUST_LEAD = 0.5  # of the starts, over the uncontrolled car
+
+
+@dataclass
+class Args:
+    """Train on a car above its critical speed, evaluate, draw."""
+
+    seed: int = 0
+    """Seed of the training."""
+    episodes: int = 200
+    """Starts of the evaluation, the same for all policies."""
+    evaluation_seed: int = 1
+    """Seed of these starts."""
+    total_timesteps: int | None = None
+    """Training steps; by default as agents/configs says."""
+    out: Path = Path("results")
+    """Where demo.json and the folder demo/ with the pictures go."""
+
+
+def interesting_start(driven: dict[str, list[Episode]], seed: int) -> int:
+    """The hardest start (by LQR's peak sideslip) that both LQR and the learned policy save."""
+    seeds = start_seeds(len(driven["lqr"]), seed)
+    both = [k for k in range(len(seeds)) if driven["lqr"][k].success and driven["learned"][k].success]
+    return seeds[max(both, key=lambda k: driven["lqr"][k].peak_sideslip)] if both else seeds[0]
+
+
+def main() -> int:
+    from agents import pictures
+
+    args = tyro.cli(Args, description=__doc__)
+    console = Console()
+    begin = time.perf_counter()
+    folder = Path("runs") / time.strftime("demo-%Y%m%d-%H%M%S")
+    training = train.Args(
+        env_id=ENV_ID, seed=args.seed, total_timesteps=args.total_timesteps, out=folder, quiet=not sys.stderr.isatty()
+    )
+    console.print(f"1/3  training PPO on {ENV_ID}: a car at 1.2 times its critical speed")
+    train.train(training, console)
+    trained = time.perf_counter()
+
+    env = make_env(ENV_ID, {"telemetry": True})
+    plant: Any = env.unwrapped
+    policies = {
+        "zero": control.make("zero", plant),
+        "lqr": control.make("lqr", plant),
+        "learned": control.load(folder),
+    }
+    console.print(f"\n2/3  evaluating on the same {args.episodes} starts")
+    driven = {
+        name: evaluate(env, policy, args.episodes, args.evaluation_seed)
+        for name, policy in track(policies.items(), "evaluating", console=Console(stderr=True), transient=True)
+    }
+    rows = {name: summarise(episodes) for name, episodes in driven.items()}
+    console.print(table(ENV_ID, rows))
+
+    console.print("\n3/3  drawing")
+    place = args.out / "demo"
+    start = interesting_start(driven, args.evaluation_seed)
+    shares = {name: row["success_rate"]["value"] for name, row in rows.items()}
+    pictures.drive(env, policies, start, place / "rescue.png")
+    pictures.saved_starts(env, driven, args.evaluation_seed, place / "starts.png")
+    pictures.learning_curves(
+        [folder / "curve.csv"], training, {name: shares[name] for name in ("zero", "lqr")}, place / "learning_curve.png"
+    )
+    pictures.top_view(ENV_ID, {}, lambda _: policies["learned"], start, 15, place / "top_view.png")
+    lead = shares["learned"] - shares["zero"]
+    write_json(
+        args.out / "demo.json",
+        {
+            "command": "make demo",
+            **provenance.collect(),
+            "env_id": ENV_ID,
+            "training_seed": args.seed,
+            "evaluation_seed": args.evaluation_seed,
+            "training_seconds": round(trained - begin, 1),
+            "total_seconds": round(time.perf_counter() - begin, 1),
+            "policies": rows,
+            "lead_over_uncontrolled": lead,
+        },
+    )
+    missing = [name for name in PICTURES if not (place / name).is_file()]
+    for name in PICTURES:
+        console.print(f"     {place / name}")
+    console.print(f"     {args.out / 'demo.json'}")
+    console.print(
+        f"\nThe learned policy saves {100 * shares['learned']:.1f} % of the cars, LQR {100 * shares['lqr']:.1f} %, "
+        f"nobody at the wheel {100 * shares['zero']:.1f} %."
+    )
+    if missing:
+        console.print(f"missing pictures: {', '.join(missing)}")
+    if lead < MUST_LEAD:
+        console.print(f"the learned policy leads the uncontrolled car by only {100 * lead:.1f} points, not by 50")
+    return 1 if missing or lead < MUST_LEAD else 0
+
+
+if __name__ == "__main__":
+    messages.run(main)

@@ -1,0 +1,268 @@
+"""The compile cache: what makes a digest change, and that compiled code survives the process."""
+
+import os
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+
+from bicycle_env.physics import compiled, elementary, tires
+from bicycle_env.physics.compiled import NUMBA, digest, entry_point
+from bicycle_env.physics.integrators import rk4
+from bicycle_env.physics.single_track import single_track
+
+GAIN = 2.0
+
+
+def law_with(constant):
+    """A law whose closure holds a constant, inside another law."""
+
+    def law(x):
+        return constant * x
+
+    return outer_law(law)
+
+
+def outer_law(inner):
+    inner = NUMBA.function(inner)
+
+    def outer(x):
+        return inner(x) + 1.0
+
+    return outer
+
+
+def law_with_global():
+    def law(x):
+        return GAIN * x
+
+    return outer_law(law)
+
+
+def law_with_default(value):
+    def law(x, gain=value):
+        return gain * x
+
+    return outer_law(law)
+
+
+def law_plus():
+    def law(x):
+        return x + 3.0
+
+    return outer_law(law)
+
+
+def law_minus():
+    def law(x):
+        return x - 3.0
+
+    return outer_law(law)
+
+
+def law_with_number(number):
+    source = {3.0: lambda x: x + 3.0, 4.0: lambda x: x + 4.0}
+    return outer_law(source[number])
+
+
+@pytest.mark.parametrize(
+    "build",
+    [law_plus, law_minus, law_with_global, lambda: law_with(1.5), lambda: law_with((1.0, 2.0)), lambda: law_with(True)],
+)
+def test_two_builds_of_one_law_have_one_digest(build):
+    assert digest(build()) == digest(build())
+
+
+def test_another_operation_is_another_digest():
+    assert digest(law_plus()) != digest(law_minus())
+
+
+def test_another_number_in_the_text_is_another_digest():
+    assert digest(law_with_number(3.0)) != digest(law_with_number(4.0))
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (1.5, 1.5000000000000002),
+        (1, 1.0),
+        (0.0, -0.0),
+        (1, True),
+        ((1.0, 2.0), (1.0, 2.5)),
+        (((1.0,), 2.0), (1.0, 2.0)),
+        (np.float64(1.0), np.float64(2.0)),
+        (np.float32(1.0), np.float32(2.0)),
+        (np.int64(3), np.int64(4)),
+        (np.array([1.0, 2.0]), np.array([1.0, 3.0])),
+        (np.array([1.0, 2.0]), np.array([[1.0, 2.0]])),
+    ],
+    ids=lambda value: repr(value).replace(" ", ""),
+)
+def test_another_constant_in_a_closure_is_another_digest(one, other):
+    assert digest(law_with(one)) != digest(law_with(other))
+
+
+def test_another_global_is_another_digest(monkeypatch):
+    before = digest(law_with_global())
+    monkeypatch.setitem(globals(), "GAIN", 2.5)
+    assert digest(law_with_global()) != before
+
+
+def test_another_default_is_another_digest():
+    assert digest(law_with_default(1.0)) != digest(law_with_default(2.0))
+
+
+def integrator(tire="fiala", geometry="exact"):
+    return rk4(NUMBA, single_track(NUMBA, tires.resolve(tire), geometry))
+
+
+def test_the_digest_of_the_physics_sees_tire_and_geometry():
+    variants = [
+        integrator("fiala"),
+        integrator("tanh"),
+        integrator("linear"),
+        integrator("fiala", "small_angle"),
+        integrator(tires.MagicFormula(shape=1.3)),
+        integrator(tires.MagicFormula(shape=1.4)),
+        integrator(tires.MagicFormula(curvature=-2.0)),
+    ]
+    assert len({digest(variant) for variant in variants}) == len(variants)
+    assert digest(integrator("fiala")) == digest(integrator("fiala"))
+    assert digest(integrator("magic_formula")) == digest(integrator(tires.MagicFormula()))
+
+
+@pytest.mark.parametrize("name", ["SIN", "ATAN", "PI_LOW", "TAN_PI_8"])
+def test_the_digest_of_the_physics_sees_the_polynomials(monkeypatch, name):
+    before = digest(integrator())
+    value = getattr(elementary, name)
+    changed = (*value[:-1], value[-1] * 1.0000001) if isinstance(value, tuple) else value * 1.0000001
+    monkeypatch.setattr(elementary, name, changed)
+    assert digest(integrator()) != before
+
+
+def test_the_digest_of_the_physics_sees_a_function_of_the_namespace(monkeypatch):
+    before = digest(integrator())
+    monkeypatch.setattr(NUMBA, "near_cos", NUMBA.function(lambda r: 1.0 - 0.5 * r * r))
+    assert digest(integrator()) != before
+
+
+def test_an_entry_point_computes_and_accepts_no_other_types():
+    def twice(x):
+        return 2.0 * x
+
+    function = entry_point(twice, numba.float64(numba.float64))
+    assert function(1.5) == 3.0
+    with pytest.raises(TypeError):
+        function("text")
+
+
+def test_nan_survives_compilation():
+    """The licence to optimise must not include "there are no NaNs"."""
+
+    def check(x):
+        return x != x or not np.isfinite(x)
+
+    function = entry_point(check, numba.boolean(numba.float64))
+    assert function(np.nan)
+    assert function(np.inf)
+    assert not function(1.0)
+    assert {"contract"} == compiled.FASTMATH
+
+
+@pytest.fixture
+def empty_cache(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [(1.5, 2.5), (np.float32(1.5), np.float32(2.5)), (np.array([1.5]), np.array([2.5])), ((1.5,), (2.5,))],
+    ids=lambda value: repr(value).replace(" ", ""),
+)
+def test_a_changed_constant_is_not_answered_from_the_cache(empty_cache, one, other):
+    def build(constant):
+        def law(x):
+            return x * constant
+
+        def law_of_sequence(x):
+            return x * constant[0]
+
+        return entry_point(law_of_sequence if np.ndim(constant) else law, numba.float64(numba.float64))
+
+    assert build(one)(2.0) == 3.0
+    assert build(other)(2.0) == 5.0
+    assert build(one)(2.0) == 3.0
+
+
+def test_a_compiled_function_is_kept_on_disk_under_its_content(empty_cache):
+    def law(x):
+        return 3.0 * x
+
+    content = digest(law)
+    entry_point(law, numba.float64(numba.float64))
+    files = [path.name for path in empty_cache.rglob("*.nb?")]
+    assert len(files) == 2  # an index and the code
+    assert all(content[:20] in name for name in files)
+
+
+def test_nothing_is_said_outside_of_progress(capfd, empty_cache):
+    def law(x):
+        return 4.0 * x
+
+    entry_point(law, numba.float64(numba.float64))
+    captured = capfd.readouterr()
+    assert captured.err == captured.out == ""
+
+
+def test_progress_prints_one_line_for_several_entry_points(capfd, empty_cache):
+    def first(x):
+        return 5.0 * x
+
+    def second(x):
+        return 5.0 + x
+
+    for _ in range(2):  # the second time from the cache
+        with compiled.progress("two laws"):
+            entry_point(first, numba.float64(numba.float64))
+            entry_point(second, numba.float64(numba.float64))
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    lines = captured.err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("bicycle_env: compiling two laws, once for this machine ... ")
+
+
+PROGRAM = """
+import bicycle_env
+run = bicycle_env.simulate("oversteer", 30.0, (0.02, 0.0), 0.1, tire="tanh")
+print(run["yaw_rate"][-1].hex())
+"""
+
+
+@pytest.fixture
+def process(tmp_path):
+    """Run a program in a new process whose compile cache is an empty folder at first."""
+
+    def process(program):
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", program], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        return done
+
+    return process
+
+
+def test_compiled_code_survives_the_process(process):
+    first, second, other = process(PROGRAM), process(PROGRAM), process(PROGRAM.replace("tanh", "linear"))
+    assert first.stderr.count("compiling") == 1
+    assert len(first.stderr.splitlines()) == 1
+    assert "Tanh" in first.stderr
+    assert second.stderr == ""
+    assert second.stdout == first.stdout
+    assert other.stderr.count("compiling") == 1
+    assert other.stdout != first.stdout

@@ -1,0 +1,155 @@
+"""Vehicle and the presets: what is accepted, what is derived, and where the numbers come from."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import bicycle_env
+from bicycle_env import Vehicle, analysis
+from bicycle_env.physics.presets import resolve_vehicle
+
+GIVEN = {
+    "mass": 1500.0,
+    "yaw_inertia": 2500.0,
+    "cg_to_front": 1.2,
+    "cg_to_rear": 1.6,
+    "front_cornering_stiffness": 100e3,
+    "rear_cornering_stiffness": 80e3,
+}
+NUMBERS = [field.name for field in dataclasses.fields(Vehicle) if field.name != "source"]
+
+
+def test_the_fields_are_the_six_of_the_book_and_the_body():
+    assert NUMBERS[:6] == list(GIVEN)
+    assert all(field.kw_only for field in dataclasses.fields(Vehicle))
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize(
+    "bad", [math.nan, math.inf, -math.inf, 0.0, -1.0, 0, np.float64("nan"), np.array(-2.0)], ids=repr
+)
+def test_a_value_out_of_range_is_named(name, bad):
+    with pytest.raises(ValueError, match=rf"^{name} must be a finite number > 0, got"):
+        Vehicle(**(GIVEN | {name: bad}))
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("bad", ["heavy", None, True, [1500.0], np.array([1.0]), 1j, {}], ids=repr)
+def test_a_value_of_the_wrong_type_is_named(name, bad):
+    with pytest.raises(TypeError, match=rf"^{name} must be a finite number > 0, got"):
+        Vehicle(**(GIVEN | {name: bad}))
+
+
+def test_the_message_shows_the_bad_value():
+    with pytest.raises(ValueError, match=r"got -3\.5"):
+        Vehicle(**(GIVEN | {"mass": -3.5}))
+    with pytest.raises(TypeError, match="heavy"):
+        Vehicle(**(GIVEN | {"mass": "heavy"}))
+
+
+def test_source_must_be_text():
+    with pytest.raises(TypeError, match="source"):
+        Vehicle(**GIVEN, source=3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right"), [("masss", "mass"), ("yaw_inertial", "yaw_inertia"), ("rear_overhangs", "rear_overhang")]
+)
+def test_an_unknown_keyword_is_answered_with_the_nearest(wrong, right):
+    with pytest.raises(TypeError, match=rf"unknown keyword of Vehicle '{wrong}'; did you mean '{right}'\?"):
+        Vehicle(**GIVEN, **{wrong: 1.0})
+
+
+def test_a_missing_value_and_positional_values_are_refused():
+    with pytest.raises(TypeError, match="yaw_inertia"):
+        Vehicle(**{name: value for name, value in GIVEN.items() if name != "yaw_inertia"})
+    with pytest.raises(TypeError):
+        Vehicle(*GIVEN.values())
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_frozen(name):
+    vehicle = Vehicle(**GIVEN)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(vehicle, name, 1.0)
+
+
+def test_a_value_object_of_plain_floats():
+    vehicle = Vehicle(
+        **{name: np.float32(value) for name, value in GIVEN.items()} | {"mass": 1500, "cg_to_rear": np.array(1.5)}
+    )
+    assert all(type(getattr(vehicle, name)) is float for name in NUMBERS)
+    assert Vehicle(**GIVEN) == Vehicle(**GIVEN)
+    assert hash(Vehicle(**GIVEN)) == hash(Vehicle(**GIVEN))
+    assert dataclasses.replace(Vehicle(**GIVEN), mass=1600.0).mass == 1600.0
+
+
+def test_derived_values_by_hand():
+    vehicle = Vehicle(**GIVEN, front_overhang=0.8, rear_overhang=1.0)
+    assert vehicle.wheelbase == pytest.approx(2.8, rel=1e-15)
+    assert vehicle.front_axle_load == pytest.approx(1500 * 9.81 * 1.6 / 2.8, rel=1e-15)
+    assert vehicle.rear_axle_load == pytest.approx(1500 * 9.81 * 1.2 / 2.8, rel=1e-15)
+    assert vehicle.front_axle_load + vehicle.rear_axle_load == pytest.approx(14715.0, rel=1e-15)
+    assert vehicle.front_extent == 2.0
+    assert vehicle.rear_extent == 2.6
+    assert vehicle.body_length == pytest.approx(4.6, rel=1e-15)
+
+
+def test_critical_speed_by_hand():
+    # a Cf - b Cr = 1.6 * 100e3 - 1.2 * 100e3 = 4e4; U^2 = 2.8^2 * 1e10 / (1500 * 4e4)
+    vehicle = Vehicle(**(GIVEN | {"cg_to_front": 1.6, "cg_to_rear": 1.2, "rear_cornering_stiffness": 100e3}))
+    assert vehicle.critical_speed == pytest.approx(math.sqrt(2.8**2 * 1e10 / (1500 * 4e4)), rel=1e-14)
+    assert Vehicle(**(GIVEN | {"cg_to_front": 1.2, "cg_to_rear": 1.6})).critical_speed == math.inf
+
+
+# The presets
+
+
+def test_three_balances_of_one_body():
+    cars = [bicycle_env.vehicles[name] for name in ("understeer", "neutral", "oversteer")]
+    for name in ("mass", "yaw_inertia", "wheelbase", "cg_to_front", "body_width", "body_length"):
+        assert len({getattr(car, name) for car in cars}) == 1, name
+    gradients = [analysis.understeer_gradient(car) for car in cars]
+    assert gradients[0] > 0.0 == gradients[1] > gradients[2]
+
+
+def test_neutral_is_exactly_neutral():
+    neutral = bicycle_env.vehicles["neutral"]
+    assert (
+        neutral.cg_to_front * neutral.front_cornering_stiffness == neutral.cg_to_rear * neutral.rear_cornering_stiffness
+    )
+    assert neutral.critical_speed == math.inf
+    assert analysis.characteristic_speed(neutral) == math.inf
+
+
+def test_oversteer_is_unstable_above_about_36_metres_per_second():
+    assert bicycle_env.vehicles["oversteer"].critical_speed == pytest.approx(36.06, abs=0.01)
+
+
+@pytest.mark.parametrize("name", bicycle_env.vehicles)
+def test_every_preset_says_where_it_comes_from(name):
+    vehicle = bicycle_env.vehicles[name]
+    assert len(vehicle.source) > 40
+    assert name.isidentifier()
+    balance = "oversteer" if vehicle.critical_speed < math.inf else "understeer"
+    stated = vehicle.source.lower()
+    assert balance in stated or "cf" in stated
+    if balance == "understeer":
+        assert analysis.understeer_gradient(vehicle) >= 0.0
+
+
+def test_the_mapping_cannot_be_changed():
+    with pytest.raises(TypeError):
+        bicycle_env.vehicles["mine"] = Vehicle(**GIVEN)
+
+
+def test_resolve_vehicle():
+    mine = Vehicle(**GIVEN)
+    assert resolve_vehicle(mine) is mine
+    assert resolve_vehicle("civic") is bicycle_env.vehicles["civic"]
+    with pytest.raises(ValueError, match="did you mean 'oversteer'"):
+        resolve_vehicle("oversteers")
+    with pytest.raises(TypeError, match="vehicle must be a Vehicle or one of"):
+        resolve_vehicle({"mass": 1500.0})
