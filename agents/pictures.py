@@ -53,13 +53,16 @@ def drive(env: gym.Env, policies: dict[str, Policy], seed: int, path: Path) -> N
     figure = Figure(figsize=(11, 7.2), layout="constrained")
     axes = figure.subplot_mosaic("RRRR;AABB;CCDD", height_ratios=[1.1, 1, 1])
     start = next(iter(runs.values()))
+    lane_change = "direction" in start
+    spin = (
+        f": sideslip {math.degrees(start['sideslip'][0]):.0f} deg, yaw rate "
+        f"{math.degrees(start['yaw_rate'][0]):.0f} deg/s"
+    )
     figure.suptitle(
-        f"The same start for all: sideslip {math.degrees(start['sideslip'][0]):.0f} deg, yaw rate "
-        f"{math.degrees(start['yaw_rate'][0]):.0f} deg/s, at {plant.speed * 3.6:.0f} km/h = "
+        f"The same start for all{'' if lane_change else spin}, at {plant.speed * 3.6:.0f} km/h = "
         f"{plant.stability.speed_ratio:.1f} x the critical speed"
     )
     road = axes["R"]
-    lane_change = "direction" in start
     handles = []
     for name, run in runs.items():
         color, line, label = STYLES[name]
@@ -83,7 +86,7 @@ def drive(env: gym.Env, policies: dict[str, Policy], seed: int, path: Path) -> N
         ylim=(centre - half - 1.4, centre + half + 1.4),
         title="Path of the centre of mass (to the left is up; the lateral scale is stretched)",
     )
-    road.legend(handles=handles, loc="center right")
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     longest = 6.0 if lane_change else 4.0
     labels = {"A": "sideslip [deg]", "B": "yaw rate [deg/s]", "C": "front steer [deg]", "D": "rear steer [deg]"}
     for key, label in labels.items():
@@ -114,16 +117,16 @@ def saved_starts(env: gym.Env, driven: dict[str, list[Episode]], seed: int, path
         env.reset(seed=start)
         starts.append((plant.state.lateral_velocity / plant.speed, plant.state.yaw_rate))
     x, y = np.degrees(np.array(starts)).T
-    figure = Figure(figsize=(11, 3.9), layout="constrained")
+    figure = Figure(figsize=(11, 4.3), layout="constrained")
     for axis, (name, episodes) in zip(figure.subplots(1, len(driven), sharey=True), driven.items(), strict=True):
         won = np.array([episode.success for episode in episodes])
         axis.scatter(x[won], y[won], s=22, color=BLUE, label="saved")
         axis.scatter(x[~won], y[~won], s=26, color=RED, marker="x", label="lost")
         axis.set(xlabel="sideslip at the start [deg]", title=f"{STYLES[name][2]}: {100 * won.mean():.1f} % saved")
-        axis.legend(loc="upper left")
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel("yaw rate at the start [deg/s]")
     figure.suptitle(f"The same {count} starts: which cars are brought back to straight running in their lane")
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     save(figure, path)
 
 

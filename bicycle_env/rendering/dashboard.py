@@ -102,7 +102,7 @@ def paint_numbers(surface: Any, reading: Reading, area: Any) -> None:
         write(surface, value, (area.left + 96, y), 22)
     word, colour = ("running", TEXT)
     if reading.end:
-        word, colour = f"ended: {_said(reading.end)}", p.YELLOW
+        word, colour = f"ended: {in_words(reading.end)}", p.YELLOW
     elif reading.settled:
         word, colour = "settled, running straight", p.SKY_BLUE
     y = area.top + 13 + 22 * len(rows)
@@ -211,7 +211,7 @@ def paint_phase_plane(surface: Any, reading: Reading, history: Sequence[Point], 
 
 def paint_end(surface: Any, reading: Reading, area: Any, at_top: bool) -> None:
     """Why the episode has ended, in big letters across the road."""
-    image = _text(_said(reading.end).upper(), 64, p.WHITE)
+    image = _text(in_words(reading.end).upper(), 64, p.WHITE)
     box = pygame.Rect(0, 0, image.get_width() + 60, 64)
     box.centerx = area.centerx
     box.top = area.top + 10 if at_top else area.bottom - 10 - box.height
@@ -228,7 +228,7 @@ def _groove(surface: Any, name: str, value: str, left: int, y: int) -> Any:
     return groove
 
 
-def _said(end: str) -> str:
+def in_words(end: str) -> str:
     """An end as words: "left_lane" must not be read as the lane on the left."""
     return end.replace("left_", "left the ").replace("_", " ")
 

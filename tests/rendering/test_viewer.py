@@ -13,6 +13,7 @@ import pytest
 
 import bicycle_env  # noqa: F401
 from bicycle_env.rendering import painting
+from bicycle_env.rendering.dashboard import in_words
 from bicycle_env.rendering.scene import build_scene
 from bicycle_env.rendering.viewer import HEIGHT, ROAD_HEIGHT, RULER_HEIGHT, WIDTH, setup_of
 
@@ -156,6 +157,28 @@ def test_the_end_is_told_in_big_letters_away_from_the_car(make, y, lines, yaw_ra
     assert ended is (yaw_rate > 2.0)
     seen = count(env.render()[lines], painting.VERMILLION)
     assert seen > 5000 if ended else seen < 1000
+
+
+def test_an_end_in_words_is_not_a_side():
+    assert in_words("left_lane") == "left the lane"
+    assert in_words("left_road") == "left the road"
+    assert in_words("spun") == "spun"
+
+
+def test_left_steer_is_shown_to_the_left(make):
+    env = make()
+    rows, middle = slice(ROAD_HEIGHT + RULER_HEIGHT + 18, ROAD_HEIGHT + RULER_HEIGHT + 62), 504
+
+    def blue(front_steer, rear_steer):
+        image = frame_at(env, {"front_steer": front_steer, "rear_steer": rear_steer})[rows]
+        return count(image[:, 400:middle], painting.SKY_BLUE), count(image[:, middle:600], painting.SKY_BLUE)
+
+    limit = env.unwrapped.front_actuator.angle_limit
+    assert blue(0.0, 0.0) == (0, 0)
+    whole, nothing = blue(limit, 0.0)
+    assert (whole, nothing) == (pytest.approx(66 * 12, abs=24), 0)
+    assert blue(-0.5 * limit, 0.0) == (0, pytest.approx(0.5 * whole, abs=24))
+    assert blue(0.0, -0.5 * limit) == (0, pytest.approx(whole, abs=24))
 
 
 def test_the_phase_plane_has_sideslip_to_the_right_and_yaw_rate_upwards(make):
