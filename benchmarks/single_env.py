@@ -19,6 +19,7 @@ import gymnasium as gym
 import numpy as np
 
 import bicycle_env
+from agents import provenance
 
 PEERS = {"lane-keeping-v0": 50.0, "CartPole-v1": 1.5}
 OURS = ("BicycleStab-v0", "BicycleLaneChange-v0")
@@ -73,7 +74,7 @@ def main() -> int:
                 {
                     "command": "python benchmarks/single_env.py",
                     "date": time.strftime("%Y-%m-%d"),
-                    "machine": f"{platform.machine()}, Python {platform.python_version()}",
+                    "machine": f"{provenance.machine()}, Python {platform.python_version()}",
                     "versions": {
                         "bicycle_env": bicycle_env.__version__,
                         "gymnasium": gym.__version__,

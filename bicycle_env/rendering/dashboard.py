@@ -88,7 +88,7 @@ def paint_numbers(surface: Any, reading: Reading, area: Any) -> None:
     """The table of numbers."""
     rows = [
         ("speed", f"{reading.speed:.1f} m/s = {3.6 * reading.speed:.0f} km/h"),
-        ("speed ratio", _against_critical(reading)),
+        ("speed ratio", against_critical(reading.speed, reading.critical_speed)),
         ("tire", f"{reading.tire}, friction {reading.friction:.2f}"),
         ("time", f"{reading.time:.2f} s"),
         ("sideslip", f"{_degrees(reading.sideslip)}°"),
@@ -238,8 +238,8 @@ def _degrees(angle: float) -> str:
     return "0.0" if text in ("+0.0", "-0.0") else text
 
 
-def _against_critical(reading: Reading) -> str:
-    if math.isinf(reading.critical_speed):
+def against_critical(speed: float, critical_speed: float) -> str:
+    """The speed as a multiple of the critical speed, in words; both in m/s."""
+    if math.isinf(critical_speed):
         return "stable at any speed"
-    ratio = reading.speed / reading.critical_speed
-    return f"{ratio:.2f} times critical ({reading.critical_speed:.1f} m/s)"
+    return f"{speed / critical_speed:.2f} times critical ({critical_speed:.1f} m/s)"

@@ -6,7 +6,6 @@ can tell them apart.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -14,7 +13,6 @@ from gymnasium.error import DependencyNotInstalled
 
 from bicycle_env.rendering.scene import Arrow, Point, Scene, Shape, arrow_outline
 
-os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 try:
     import pygame as pygame  # a re-export, for the modules beside this one
 except ImportError as error:

@@ -1,0 +1,141 @@
+"""Write the README's tables from the results files: `python tools/readme_tables.py`; `--check` only compares.
+
+A table stands between `<!-- results: NAME -->` and `<!-- end -->`; NAME is one of the functions below.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parent.parent
+DEGREES = 57.29577951308232
+
+
+def read(name: str) -> dict[str, Any]:
+    return json.loads((ROOT / "results" / name).read_text(encoding="utf-8"))
+
+
+def cell(row: dict[str, Any], key: str, factor: float = 1.0, form: str = ".1f") -> str:
+    if key not in row:
+        return "-"
+    low, high = row[key]["interval"]
+    return f"{row[key]['value'] * factor:{form}} [{low * factor:{form}}, {high * factor:{form}}]"
+
+
+def made(result: dict[str, Any], more: str) -> str:
+    return f"`{result['command']}`, {result['date']}, {result['machine']}; {more}"
+
+
+def demo() -> str:
+    result = read("demo.json")
+    names = {"zero": "uncontrolled", "lqr": "LQR", "learned": "PPO, one seed"}
+    lines = [
+        "| 200 starts, the same for all | success [%] | mean return (of 400) | peak sideslip [deg] | steering effort [deg] |",
+        "|---|---|---|---|---|",
+    ]
+    for key, name in names.items():
+        row = result["policies"][key]
+        lines.append(
+            f"| {name} | {cell(row, 'success_rate', 100)} | {cell(row, 'episode_return')} "
+            f"| {cell(row, 'peak_sideslip', DEGREES)} | {cell(row, 'steering_effort', DEGREES, '.2f')} |"
+        )
+    more = (
+        f"training seed {result['training_seed']}, starts from seed {result['evaluation_seed']}, training "
+        f"{result['training_seconds']:.0f} s; `results/demo.json`. In brackets: 95 % intervals."
+    )
+    return "\n".join([*lines, "", made(result, more)])
+
+
+def learning(file: str, columns: list[tuple[str, str, float, str]]) -> str:
+    result = read(file)
+    count = len(result["seeds"])
+    rows = {
+        "uncontrolled": result["controllers"]["zero"],
+        "LQR" + (" with preview" if "LaneChange" in file else ""): result["controllers"]["lqr"],
+        f"{result['algo'].upper()}, {count} seeds": result["over_seeds"],
+    }
+    lines = [
+        "| 200 starts, the same for all | " + " | ".join(heading for _, heading, _, _ in columns) + " |",
+        "|---" * (len(columns) + 1) + "|",
+    ]
+    for name, row in rows.items():
+        cells = [cell(row, key, factor, form) for key, _, factor, form in columns]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    slowest = max(training["seconds"] for training in result["trainings"])
+    more = (
+        f"training seeds 0 to {count - 1}, {result['trainings'][0]['timesteps']:,} steps each, the slowest {slowest:.0f} s "
+        f"on one core; starts from seed {result['evaluation_seed']}; worst seed's success "
+        f"{100 * result['over_seeds']['success_rate']['worst']:.1f} %; `results/{file}`. {result['algo'].upper()}: "
+        "interquartile mean over seeds [95 % bootstrap interval]; controllers: mean over starts [95 % interval]."
+    )
+    return "\n".join([*lines, "", made(result, more)])
+
+
+STAB = [
+    ("success_rate", "success [%]", 100, ".1f"),
+    ("episode_return", "mean return (of 400)", 1, ".1f"),
+    ("peak_sideslip", "peak sideslip [deg]", DEGREES, ".1f"),
+    ("steering_effort", "steering effort [deg]", DEGREES, ".2f"),
+]
+LANE_CHANGE = [
+    ("success_rate", "success [%]", 100, ".1f"),
+    ("episode_return", "mean return (of 300)", 1, ".1f"),
+    ("largest_tracking_error", "largest tracking error [m]", 1, ".2f"),
+    ("overshoot", "overshoot [m]", 1, ".2f"),
+    ("settling_time", "settling time [s]", 1, ".2f"),
+    ("steering_effort", "steering effort [deg]", DEGREES, ".2f"),
+]
+
+
+def stab_ppo() -> str:
+    return learning("BicycleStab-v0-ppo.json", STAB)
+
+
+def stab_sac() -> str:
+    return learning("BicycleStab-v0-sac.json", STAB)
+
+
+def stab_td3() -> str:
+    return learning("BicycleStab-v0-td3.json", STAB)
+
+
+def lane_change_ppo() -> str:
+    return learning("BicycleLaneChange-v0-ppo.json", LANE_CHANGE)
+
+
+def speed() -> str:
+    result = read("single_env.json")
+    lines = ["| steps per second through `gym.make` | |", "|---|---|"]
+    lines += [f"| {name} | {rate:,} |" for name, rate in result["steps_per_second"].items()]
+    ratios = ", ".join(f"{name}: {ratio:g}" for name, ratio in result["ratios"].items())
+    return "\n".join([*lines, "", f"`make benchmark`, {result['date']}, {result['machine']}. Ratios in this run: {ratios}."])
+
+
+TABLES = {function.__name__: function for function in (demo, stab_ppo, stab_sac, stab_td3, lane_change_ppo, speed)}
+
+
+def filled(text: str) -> str:
+    """The text with every table written anew."""
+
+    def table(match: re.Match[str]) -> str:
+        return f"<!-- results: {match[1]} -->\n{TABLES[match[1]]()}\n<!-- end -->"
+
+    return re.sub(r"<!-- results: (\w+) -->\n.*?<!-- end -->", table, text, flags=re.DOTALL)
+
+
+def main() -> int:
+    readme = ROOT / "README.md"
+    text = readme.read_text(encoding="utf-8")
+    new = filled(text)
+    if "--check" in sys.argv:
+        return int(new != text)
+    readme.write_text(new, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
