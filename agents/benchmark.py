@@ -19,11 +19,10 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 from agents import messages, pictures, provenance, settings
 from agents.episodes import evaluate, summarise
-from agents.evaluate import COLUMNS, LANE_CHANGE_COLUMNS, make_env, table
+from agents.evaluate import COLUMNS, MORE_COLUMNS, console_for_tables, make_env, table
 from agents.messages import UserError
 from agents.statistics import bootstrap, iqm
 from bicycle_env import control
@@ -94,36 +93,19 @@ def train_all(args: Args, folder: Path, total: int) -> list[Path]:
 def aggregate(seeds: list[dict[str, Any]]) -> dict[str, Any]:
     """Interquartile mean over seeds with a 95 % bootstrap interval, per figure."""
     found: dict[str, Any] = {}
-    for key in ("success_rate", *(column[0] for column in COLUMNS + LANE_CHANGE_COLUMNS)):
+    for key, *_ in COLUMNS + MORE_COLUMNS:
         values = [row[key]["value"] for row in seeds if key in row]
         if len(values) == len(seeds):
             found[key] = {"value": iqm(values), "interval": bootstrap(values, iqm), "median": float(np.median(values))}
-            found[key]["worst" if key == "success_rate" else "least"] = min(values)
+            found[key]["range"] = [min(values), max(values)]
     return found
-
-
-def print_tables(console: Console, args: Args, controllers: dict[str, Any], seeds: list[Any], whole: Any) -> None:
-    """One row per policy, then the aggregate over seeds."""
-    rows = {**controllers, **{f"{args.algo} seed {k}": row for k, row in enumerate(seeds)}}
-    console.print(table(args.env_id, rows))
-    result = Table(title=f"{args.algo.upper()} over {len(seeds)} seeds: interquartile mean [95 % bootstrap interval]")
-    headings = [("success_rate", "success [%]", 100.0, ".1f"), *COLUMNS, *LANE_CHANGE_COLUMNS]
-    shown = [column for column in headings if column[0] in whole]
-    for _, heading, _, _ in shown:
-        result.add_column(heading, justify="right")
-    cells = []
-    for key, _, factor, form in shown:
-        value, (low, high) = whole[key]["value"], whole[key]["interval"]
-        cells.append(f"{value * factor:{form}} [{low * factor:{form}}, {high * factor:{form}}]")
-    result.add_row(*cells)
-    console.print(result)
 
 
 def main() -> int:
     args = tyro.cli(Args, description=__doc__)
     if args.seeds < 1 or args.jobs < 1:
         raise UserError(f"--seeds and --jobs must be at least 1, got {args.seeds} and {args.jobs}")
-    console = Console()
+    console = console_for_tables()
     total = args.total_timesteps or settings.read(args.env_id, args.algo).total_timesteps
     folder = args.runs or Path("runs") / time.strftime(f"benchmark-{args.env_id}-{args.algo}-%Y%m%d-%H%M%S")
     console.print(f"training {args.algo.upper()} on {args.env_id}, {args.seeds} seeds of {total:,} steps, in {folder}")
@@ -141,7 +123,10 @@ def main() -> int:
         run = json.loads((place / "run.json").read_text(encoding="utf-8"))
         trainings.append({key: run[key] for key in ("seed", "timesteps", "seconds")})
     whole = aggregate(seeds)
-    print_tables(console, args, controllers, seeds, whole)
+    algo = args.algo.upper()
+    rows = {**controllers, **{f"{algo}, seed {k}": row for k, row in enumerate(seeds)}}
+    console.print(table(f"{args.env_id}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows))
+    console.print(table(f"over {args.seeds} seeds: interquartile mean [95 % bootstrap interval]", {algo: whole}))
 
     out = args.out or Path("results") / f"{args.env_id}-{args.algo}.json"
     lqr = controllers["lqr"]["success_rate"]["value"]
@@ -173,9 +158,10 @@ def main() -> int:
     drivers = {"zero": control.make("zero", plant), "lqr": control.make("lqr", plant), "learned": control.load(median)}
     pictures.drive(env, drivers, args.evaluation_seed, drive)
     slowest = max(training["seconds"] for training in trainings)
+    of_lqr = [share / lqr if lqr else float("nan") for share in (float(np.median(shares)), min(shares))]
     console.print(
-        f"median success {np.median(shares):.3f} = {np.median(shares) / lqr if lqr else float('nan'):.2f} of LQR's, "
-        f"worst {min(shares):.3f} = {min(shares) / lqr if lqr else float('nan'):.2f}; slowest training {slowest:.0f} s\n"
+        f"median success {np.median(shares):.3f} = {of_lqr[0]:.2f} of LQR's, worst {min(shares):.3f} = "
+        f"{of_lqr[1]:.2f}; slowest training {slowest:.0f} s\n"
         f"written: {out}, {curves.name}, {drive.name}"
     )
     failed = np.median(shares) < args.median_of_lqr * lqr or min(shares) < args.worst_of_lqr * lqr

@@ -19,7 +19,7 @@ from rich.progress import track
 
 from agents import messages, provenance, train
 from agents.episodes import Episode, evaluate, start_seeds, summarise
-from agents.evaluate import make_env, table
+from agents.evaluate import console_for_tables, make_env, table
 from bicycle_env import control
 from bicycle_env.files import write_json
 
@@ -55,7 +55,7 @@ def main() -> int:
     from agents import pictures
 
     args = tyro.cli(Args, description=__doc__)
-    console = Console()
+    console = console_for_tables()
     begin = time.perf_counter()
     folder = Path("runs") / time.strftime("demo-%Y%m%d-%H%M%S")
     training = train.Args(
@@ -78,7 +78,7 @@ def main() -> int:
         for name, policy in track(policies.items(), "evaluating", console=Console(stderr=True), transient=True)
     }
     rows = {name: summarise(episodes) for name, episodes in driven.items()}
-    console.print(table(ENV_ID, rows))
+    console.print(table(f"{ENV_ID}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows))
 
     console.print("\n3/3  drawing")
     place = args.out / "demo"

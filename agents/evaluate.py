@@ -1,6 +1,6 @@
 """Evaluate policies on the same starts and print one table.
 
-    python -m agents.evaluate --env-id BicycleStab-v0 --policy lqr zero runs/stab-ppo --episodes 200
+python -m agents.evaluate --env-id BicycleStab-v0 --policy lqr zero runs/stab-ppo --episodes 200
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ from typing import Annotated, Any
 
 import gymnasium as gym
 import tyro
+from rich import box
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+from rich.text import Text
 
 import bicycle_env  # noqa: F401  (registers the environments)
 from agents import messages, provenance
@@ -43,17 +45,19 @@ class Args:
     """Also write the figures to this file."""
 
 
+DEGREES = 57.29577951308232
 # (key, heading, factor to the shown unit, format)
 COLUMNS = (
-    ("episode_return", "mean return", 1.0, ".1f"),
-    ("peak_sideslip", "peak sideslip [deg]", 57.29577951308232, ".1f"),
-    ("steering_effort", "steering effort [deg]", 57.29577951308232, ".2f"),
-    ("largest_tracking_error", "largest lateral error [m]", 1.0, ".2f"),
+    ("success_rate", "success\n[%]", 100.0, ".1f"),
+    ("episode_return", "mean\nreturn", 1.0, ".1f"),
+    ("peak_sideslip", "peak side-\nslip [deg]", DEGREES, ".1f"),
+    ("steering_effort", "steering\neffort [deg]", DEGREES, ".2f"),
+    ("largest_tracking_error", "largest\nerror [m]", 1.0, ".2f"),
 )
-LANE_CHANGE_COLUMNS = (
-    ("overshoot", "overshoot [m]", 1.0, ".2f"),
-    ("settling_time", "settling time [s]", 1.0, ".2f"),
-    ("peak_lateral_acceleration", "peak lat. acc. [m/s2]", 1.0, ".1f"),
+MORE_COLUMNS = (
+    ("overshoot", "overshoot\n[m]", 1.0, ".2f"),
+    ("settling_time", "settling\ntime [s]", 1.0, ".2f"),
+    ("peak_lateral_acceleration", "peak lat.\nacc. [m/s2]", 1.0, ".1f"),
 )
 
 
@@ -92,35 +96,38 @@ def find_policy(name: str, env: gym.Env) -> control.Policy:
     except ValueError as error:
         raise UserError(str(error)) from None
     expected, axles = list(plant.observation_names), plant.action_space.shape[0]
-    if network.description["observation_names"] != expected or network.description["layers"][-1][0] != axles:
+    names, actions = network.description["observation_names"], network.description["layers"][-1][0]
+    if names != expected or actions != axles:
         raise UserError(
-            f"{name} was trained for {network.description['env_id']} with {len(network.description['observation_names'])} "
-            f"observations and {network.description['layers'][-1][0]} actions; this environment has {len(expected)} and {axles}"
+            f"{name} was trained for {network.description['env_id']} with {len(names)} observations and {actions} "
+            f"actions; this environment has {len(expected)} and {axles}"
         )
     return network
 
 
-def table(env_id: str, rows: dict[str, dict[str, Any]]) -> Table:
-    """The summaries as a table for people."""
-    lane_change = any("overshoot" in row for row in rows.values())
-    columns = COLUMNS + (LANE_CHANGE_COLUMNS if lane_change else ())
-    episodes = next(iter(rows.values()))["episodes"]
-    result = Table(title=f"{env_id}: {episodes} episodes, the same starts for all; mean [95 % interval]")
+def table(title: str, rows: dict[str, dict[str, Any]]) -> Table:
+    """Rows of figures with intervals as a table for people: each cell the value, and below it the interval."""
+    shown = [column for column in COLUMNS + MORE_COLUMNS if any(column[0] in row for row in rows.values())]
+    result = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     result.add_column("policy")
-    result.add_column("success", justify="right")
-    for _, heading, _, _ in columns:
-        result.add_column(heading, justify="right")
+    for _, heading, _, _ in shown:
+        result.add_column(Text(heading), justify="right", no_wrap=True)  # Text: "[deg]" is no markup
     for name, row in rows.items():
-        share = row["success_rate"]
-        cells = [f"{100 * share['value']:.1f} % [{100 * share['interval'][0]:.1f}, {100 * share['interval'][1]:.1f}]"]
-        for key, _, factor, form in columns:
+        cells = []
+        for key, _, factor, form in shown:
             if key in row:
                 value, (low, high) = row[key]["value"], row[key]["interval"]
-                cells.append(f"{value * factor:{form}} [{low * factor:{form}}, {high * factor:{form}}]")
+                cells.append(Text(f"{value * factor:{form}}\n[{low * factor:{form}}, {high * factor:{form}}]"))
             else:
-                cells.append("-")
+                cells.append(Text("-"))
         result.add_row(name, *cells)
     return result
+
+
+def console_for_tables() -> Console:
+    """Standard output; wide enough for the tables where it is no terminal."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=130)
 
 
 def main() -> None:
@@ -132,7 +139,7 @@ def main() -> None:
     keywords = {**parse_keywords(args.env_keywords), "telemetry": True}
     env = make_env(args.env_id, keywords)
     policies = {name: find_policy(name, env) for name in args.policy}
-    console = Console()
+    console = console_for_tables()
     rows, seconds = {}, {}
     with Progress(console=Console(stderr=True), transient=True) as bar:
         for name, policy in policies.items():
@@ -142,7 +149,8 @@ def main() -> None:
                 evaluate(env, policy, args.episodes, args.seed, lambda done, job=job: bar.update(job, completed=done))
             )
             seconds[name] = round(time.perf_counter() - start, 2)
-    console.print(table(args.env_id, rows))
+    title = f"{args.env_id}: {args.episodes} episodes, the same starts for all; mean [95 % interval]"
+    console.print(table(title, rows))
     if args.json is not None:
         write_json(
             args.json,

@@ -250,9 +250,7 @@ def _learn(model: BaseAlgorithm, steps: int, record: Record, quiet: bool, reset:
         model.learn(steps, callback=record, progress_bar=not quiet, reset_num_timesteps=reset)
     except KeyboardInterrupt:
         save_checkpoint(model, record.folder, record.curve, record.seconds)
-        raise UserError(
-            f"stopped at {model.num_timesteps} steps; go on with the same command and --resume"
-        ) from None
+        raise UserError(f"stopped at {model.num_timesteps} steps; go on with the same command and --resume") from None
     finally:
         signal.signal(signal.SIGTERM, before)
 
@@ -262,7 +260,8 @@ def _summary(console: Console, args: Args, folder: Path, model: BaseAlgorithm, s
     console.print(
         f"\n{args.algo.upper()} on {args.env_id}, seed {args.seed}: {model.num_timesteps:,} steps in {seconds:.0f} s "
         f"({model.num_timesteps / max(seconds, 1e-9):,.0f} steps/s)\n"
-        f"success in the last {len(model.ep_success_buffer or [])} training episodes, exploration on: {100 * success:.0f} %\n"
+        f"success in the last {len(model.ep_success_buffer or [])} training episodes, exploration on: "
+        f"{100 * success:.0f} %\n"
         f"policy and record of the run: {folder}\n"
         f"evaluate it: python -m agents.evaluate --env-id {args.env_id} --policy {folder} lqr zero"
         + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""),

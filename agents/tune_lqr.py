@@ -74,9 +74,7 @@ def tune(env_id: str, args: Args, bar: Progress) -> dict[str, Any]:
     job = bar.add_task(env_id, total=(args.generations + 1) * population)
 
     def weights(logarithms: np.ndarray) -> control.Weights:
-        found = dict.fromkeys(BOUNDS, 1.0) | {
-            name: 10.0 ** float(x) for name, x in zip(free, logarithms, strict=True)
-        }
+        found = dict.fromkeys(BOUNDS, 1.0) | {name: 10.0 ** float(x) for name, x in zip(free, logarithms, strict=True)}
         return control.Weights(**found)
 
     def loss(logarithms: np.ndarray) -> float:

@@ -12,8 +12,8 @@ mp.mp.dps = 60
 
 
 def fit(function, z_max, degree):
-    """Coefficients c_0 ... c_degree of the interpolant of `function` on [-z_max or 0, z_max], and its relative error."""
-    low, high = z_max if isinstance(z_max, tuple) else (mp.mpf(0), mp.mpf(z_max))
+    """Coefficients c_0 ... c_degree of the interpolant of `function` on [0, z_max], and its relative error."""
+    low, high = mp.mpf(0), mp.mpf(z_max)
     nodes = [
         (low + high) / 2 + (high - low) / 2 * mp.cos(mp.pi * (2 * k + 1) / (2 * degree + 2)) for k in range(degree + 1)
     ]

@@ -34,7 +34,7 @@ def demo() -> str:
     result = read("demo.json")
     names = {"zero": "uncontrolled", "lqr": "LQR", "learned": "PPO, one seed"}
     lines = [
-        "| 200 starts, the same for all | success [%] | mean return (of 400) | peak sideslip [deg] | steering effort [deg] |",
+        "| 200 starts, the same for all | success [%] | mean return (of 400) | peak sideslip [deg] | effort [deg] |",
         "|---|---|---|---|---|",
     ]
     for key, name in names.items():
@@ -67,9 +67,9 @@ def learning(file: str, columns: list[tuple[str, str, float, str]]) -> str:
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     slowest = max(training["seconds"] for training in result["trainings"])
     more = (
-        f"training seeds 0 to {count - 1}, {result['trainings'][0]['timesteps']:,} steps each, the slowest {slowest:.0f} s "
-        f"on one core; starts from seed {result['evaluation_seed']}; worst seed's success "
-        f"{100 * result['over_seeds']['success_rate']['worst']:.1f} %; `results/{file}`. {result['algo'].upper()}: "
+        f"training seeds 0 to {count - 1}, {result['trainings'][0]['timesteps']:,} steps each, the slowest "
+        f"{slowest:.0f} s on one core; starts from seed {result['evaluation_seed']}; worst seed's success "
+        f"{100 * result['over_seeds']['success_rate']['range'][0]:.1f} %; `results/{file}`. {result['algo'].upper()}: "
         "interquartile mean over seeds [95 % bootstrap interval]; controllers: mean over starts [95 % interval]."
     )
     return "\n".join([*lines, "", made(result, more)])
@@ -112,7 +112,9 @@ def speed() -> str:
     lines = ["| steps per second through `gym.make` | |", "|---|---|"]
     lines += [f"| {name} | {rate:,} |" for name, rate in result["steps_per_second"].items()]
     ratios = ", ".join(f"{name}: {ratio:g}" for name, ratio in result["ratios"].items())
-    return "\n".join([*lines, "", f"`make benchmark`, {result['date']}, {result['machine']}. Ratios in this run: {ratios}."])
+    return "\n".join(
+        [*lines, "", f"`make benchmark`, {result['date']}, {result['machine']}. Ratios in this run: {ratios}."]
+    )
 
 
 TABLES = {function.__name__: function for function in (demo, stab_ppo, stab_sac, stab_td3, lane_change_ppo, speed)}

@@ -1,4 +1,4 @@
-"""Stability, understeer and oversteer: closed forms of Karnopp, Vehicle Stability, ch. 6, (6.9)-(6.17), (6.24)-(6.27)."""
+"""Stability, understeer and oversteer: closed forms of Karnopp, Vehicle Stability, (6.9)-(6.17) and (6.24)-(6.27)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Linear-quadratic regulators: gains from scipy's Riccati solvers, and the policy for tasks with and without preview."""
+"""Linear-quadratic regulators: gains from scipy's Riccati solvers, and a policy for tasks with and without preview."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def continuous_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> Matrix:
 def discrete_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> tuple[Matrix, Matrix]:
     """K of u = -K x that minimises the sum of x'Qx + u'Ru along x+ = A x + B u, and P: the least cost is x'Px."""
     P = scipy.linalg.solve_discrete_are(A, B, Q, R)
-    return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), P
+    K: Matrix = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    return K, P
 
 
 def preview_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix, reference: Matrix, horizon: int) -> tuple[Matrix, Matrix]:
@@ -54,7 +55,8 @@ def preview_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix, reference: Matrix, 
         if np.max(np.abs(new - S)) <= 1e-12 * np.max(np.abs(new)):
             break
         S = new
-    return K, np.linalg.solve(R + B.T @ P @ B, B.T @ S @ shift)
+    G: Matrix = np.linalg.solve(R + B.T @ P @ B, B.T @ S @ shift)
+    return K, G
 
 
 class Weights(NamedTuple):
@@ -97,7 +99,9 @@ class LQR(Policy):
 
         times = np.array([0.0, *plant.task.preview_times])
         horizon = max(2, round(times[-1] / timestep))
-        self.gain, gain = preview_gain(self.model.A, self.model.B, Q, R, _wanted(speed * timestep, timestep, horizon), horizon)
+        self.gain, gain = preview_gain(
+            self.model.A, self.model.B, Q, R, _wanted(speed * timestep, timestep, horizon), horizon
+        )
         self.preview = gain @ _spline(times, np.arange(horizon + 1) * timestep)
 
         # One matrix from the scaled observation to the action: distances are relative, so y itself drops out.

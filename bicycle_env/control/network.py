@@ -1,8 +1,9 @@
-"""A trained policy as data: weights in a safetensors file, the rest in a JSON file. Needs numpy to act, nothing else."""
+"""A trained policy as data: weights in a safetensors file, the rest in a JSON file. numpy suffices to act."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,8 @@ DESCRIPTION_FILE = "policy.json"
 FORMAT = "bicycle-env policy"
 VERSION = 1
 
-ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}
-OUTPUTS = {"clip": lambda x: np.clip(x, -1.0, 1.0), "tanh": np.tanh}
+ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}
+OUTPUTS: dict[str, Callable[[Any], Any]] = {"clip": lambda x: np.clip(x, -1.0, 1.0), "tanh": np.tanh}
 REQUIRED = ("format", "version", "env_id", "observation_names", "activation", "output", "layers")
 
 
@@ -108,9 +109,7 @@ def load(folder: str | Path) -> Network:
             f"got {description['format']!r}, {description['version']!r}"
         )
     try:
-        layers = [
-            (tensors[f"layer{k}.weight"], tensors[f"layer{k}.bias"]) for k in range(len(description["layers"]))
-        ]
+        layers = [(tensors[f"layer{k}.weight"], tensors[f"layer{k}.bias"]) for k in range(len(description["layers"]))]
     except (KeyError, TypeError):
         raise ValueError(f"{folder / WEIGHTS_FILE} lacks layers that {DESCRIPTION_FILE} announces") from None
     return Network(layers, description["activation"], description["output"], description)

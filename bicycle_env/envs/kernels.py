@@ -117,7 +117,7 @@ def _access(task_class: type[Task]) -> _Access:
         for j in range(route_size):
             memory[MEMORY + j] = route[j]
 
-    def keep_nothing(route: Any, memory: Any) -> None:  # numba cannot index an empty tuple
+    def keep_nothing(_route: Any, _memory: Any) -> None:  # numba cannot index an empty tuple
         return
 
     def write(state: CarState, kept: Memory, world: World, memory: Any, observation: Any) -> None:
@@ -134,7 +134,9 @@ def _access(task_class: type[Task]) -> _Access:
             bound = np.float32(memory[bounds + j])
             observation[j] = min(max(observation[j], -bound), bound)
 
-    return _Access(*map(NUMBA.function, (world, state, kept, keep, keep_route if route_size else keep_nothing, write)))
+    route_keeper: Any = keep_route if route_size else keep_nothing
+    bind: Any = NUMBA.function
+    return _Access(bind(world), bind(state), bind(kept), bind(keep), bind(route_keeper), bind(write))
 
 
 @functools.cache

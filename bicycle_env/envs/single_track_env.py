@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -43,7 +44,10 @@ class Snapshot(NamedTuple):
 class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """Base of the environments; the subclasses name a task and document it."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 50}
+    metadata: dict[str, Any] = {  # noqa: RUF012 (declared so by Gymnasium)
+        "render_modes": list(RENDER_MODES),
+        "render_fps": 50,
+    }
     task_class: ClassVar[type[Task]]
 
     def __init__(
@@ -113,8 +117,8 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             bound,
         )
         self._observation_size = len(bound)
-        self._ends = ("", "spun", self.task.left_name)
-        self._end = kernels.BAD_ACTION  # not yet reset
+        self._end_names = ("", "spun", self.task.left_name)
+        self._end_code = kernels.BAD_ACTION  # not yet reset
         self._warned = False
         self._viewer: Any = None
         self._bind()
@@ -155,7 +159,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             route = self.task.Route(*self._episode[kernels.MEMORY :])
             self._episode[kernels.MEMORY :] = self.task.route_with(route, given, self.speed)
             self._kernels.look(self._memory, observation)
-        self._end = 0
+        self._end_code = 0
         self._warned = False
         if self._viewer is not None:
             self._viewer.start()
@@ -170,7 +174,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             ValueError, TypeError: an action of the wrong shape or type, or not finite; nothing has changed then.
             gymnasium.error.ResetNeeded: there was no reset.
         """
-        if self._end != 0:
+        if self._end_code != 0:
             return self._after_the_end()
         if type(action) is not np.ndarray or action.dtype is not FLOAT32 or action.shape != self._action_shape:
             action = self._converted(action)
@@ -180,19 +184,19 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if end:
             if end == kernels.BAD_ACTION:
                 raise ValueError(f"action must be finite numbers, nominally in [-1, 1], got {action!r}")
-            self._end = end
+            self._end_code = end
         if self.telemetry or self.render_mode == "human":
             if self.render_mode == "human":
                 self.render()
             return observation, reward, end > 0, False, self._info(cost)
-        return observation, reward, end > 0, False, {"end": self._ends[end], "cost": cost}
+        return observation, reward, end > 0, False, {"end": self._end_names[end], "cost": cost}
 
     def render(self) -> Any:
         """Draw the present state: an array (height, width, 3) of uint8 for "rgb_array", a window for "human"."""
         if self.render_mode is None:
             logger.warn("render() needs render_mode='rgb_array' or 'human' in gym.make")
             return None
-        if self._end == kernels.BAD_ACTION:
+        if self._end_code == kernels.BAD_ACTION:
             raise gym.error.ResetNeeded("call reset() before render()")
         if self._viewer is None:
             from bicycle_env.rendering.viewer import Viewer
@@ -216,10 +220,15 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self.task.State(*values[: kernels.STEPS], steps * self.control_timestep, *route)
 
     @property
+    def end(self) -> str:
+        """Why the episode ended, "" while it is running: what ``info["end"]`` says."""
+        return "" if self._end_code == kernels.BAD_ACTION else self._end_names[self._end_code]
+
+    @property
     def is_success(self) -> bool:
         """Whether the car is running and has been settled for the last second: at a time-out, a success."""
         needed = round(SETTLED_SECONDS / self.control_timestep)
-        return self._end == 0 and bool(self._memory[kernels.SETTLED] >= needed)
+        return self._end_code == 0 and bool(self._memory[kernels.SETTLED] >= needed)
 
     @property
     def stability(self) -> Stability:
@@ -256,14 +265,14 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def snapshot(self) -> Snapshot:
         """The whole state, random generator included."""
-        return Snapshot(self._episode.copy(), self._end, self.np_random.bit_generator.state)
+        return Snapshot(self._episode.copy(), self._end_code, self.np_random.bit_generator.state)
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observation there."""
         if not isinstance(snapshot, Snapshot) or snapshot.episode.shape != self._episode.shape:
             raise TypeError(f"snapshot must come from snapshot() of the same environment id, got {type(snapshot)!r}")
         self._episode[:] = snapshot.episode
-        self._end = snapshot.end
+        self._end_code = snapshot.end
         self.np_random.bit_generator.state = snapshot.generator
         return self._look()
 
@@ -275,7 +284,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return observation
 
     def _info(self, cost: float) -> dict[str, Any]:
-        info: dict[str, Any] = {"end": self._ends[self._end], "cost": cost}
+        info: dict[str, Any] = {"end": self.end, "cost": cost}
         if self.telemetry:
             info.update(self._telemetry())
         return info
@@ -292,7 +301,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         telemetry["is_success"] = self.is_success
         return telemetry
 
-    def _converted(self, action: Any) -> NDArray[np.float64]:
+    def _converted(self, action: Any) -> Any:
         shape = self._action_shape
         try:
             converted = np.asarray(action)
@@ -307,7 +316,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return converted
 
     def _after_the_end(self) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        if self._end == kernels.BAD_ACTION:
+        if self._end_code == kernels.BAD_ACTION:
             raise gym.error.ResetNeeded("call reset() before step()")
         if not self._warned:
             self._warned = True
@@ -332,14 +341,12 @@ def make_task(task_class: type[Task], keywords: dict[str, Any]) -> Task:
 
 def keyword_names(task_class: type[Task]) -> list[str]:
     """All keywords of an environment: its own, then its task's."""
-    import inspect
-
     own = [
         name for name in inspect.signature(SingleTrackEnv.__init__).parameters if name not in ("self", "task_keywords")
     ]
     if task_class.__init__ is object.__init__:
         return own
-    return own + [name for name in inspect.signature(task_class).parameters]
+    return own + list(inspect.signature(task_class).parameters)
 
 
 def resolve_speed(vehicle: Vehicle, speed: float | None, speed_ratio: float | None) -> float:

@@ -43,7 +43,7 @@ def _choose(condition: Any, then: Any, otherwise: Any) -> Any:
 NUMBA: elementary.Namespace = elementary.namespace("numba", _choose, np.floor, inlined)
 
 
-def entry_point(function: FunctionType, signature: Any) -> Callable[..., Any]:
+def entry_point(function: Callable[..., Any], signature: Any) -> Callable[..., Any]:
     """Compile a function for one signature, or load it from the cache on disk; see :func:`progress`."""
     content = digest(function)
     # One file per content: two processes that compile different variants never write the same file.
@@ -58,7 +58,7 @@ def entry_point(function: FunctionType, signature: Any) -> Callable[..., Any]:
 
 
 class _ContentCache(FunctionCache):  # type: ignore[misc]
-    def __init__(self, function: FunctionType, content: str) -> None:
+    def __init__(self, function: Callable[..., Any], content: str) -> None:
         super().__init__(function)
         self._content = content
 
@@ -85,13 +85,18 @@ def progress(label: str) -> Iterator[None]:
     finally:
         announced = not _label or _label.pop() == ""
         if announced:
-            print(f" {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
+            _say(f" {time.perf_counter() - start:.0f} s\n")
 
 
 def _announce() -> None:
     if _label and _label[-1]:
-        print(f"bicycle_env: compiling {_label[-1]}, once for this machine ...", end="", file=sys.stderr, flush=True)
+        _say(f"bicycle_env: compiling {_label[-1]}, once for this machine ...")
         _label[-1] = ""
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(text)
+    sys.stderr.flush()
 
 
 def digest(function: Any) -> str:

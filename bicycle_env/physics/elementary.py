@@ -6,8 +6,7 @@ Every backend evaluates the same polynomials, so plain Python, numba, numpy and 
 loop over many cars vectorises (library calls would stop it: SVML is not in the llvmlite wheel).
 
 All functions are branch-free. The odd ones are computed on ``|x|`` and mirrored, which makes them odd to the bit, and
-with them the mirror symmetry of the car. Absolute error for |x| <= 30: at most 3e-15 (tests/physics/test_elementary.py).
-The coefficients come from tools/fit_elementary.py; the sums are arranged in pairs (Estrin) because one car alone waits
+with them the mirror symmetry of the car. Absolute error for |x| <= 30: at most 3e-15 (a test holds it). The coefficients come from tools/fit_elementary.py; the sums are arranged in pairs (Estrin) because one car alone waits
 for each result, and a chain of eleven multiply-adds is a long wait.
 """
 
@@ -139,7 +138,7 @@ def sign_of(xp: Any) -> Callable[[Any], Any]:
     return sign_of
 
 
-def near_sin(xp: Any) -> Callable[[Any], Any]:
+def near_sin(_: Any) -> Callable[[Any], Any]:
     """sin r for |r| <= pi/2."""
 
     def near_sin(r: Any) -> Any:
@@ -152,7 +151,7 @@ def near_sin(xp: Any) -> Callable[[Any], Any]:
     return near_sin
 
 
-def near_cos(xp: Any) -> Callable[[Any], Any]:
+def near_cos(_: Any) -> Callable[[Any], Any]:
     """cos r for |r| <= pi/2."""
 
     def near_cos(r: Any) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 from bicycle_env.physics.single_track import Car, CarState
 
 STABILITY_LIMIT = 2.5
-"""Largest timestep x |eigenvalue| accepted. RK4's own limit is 2.785 on the negative real axis, 2.83 on the imaginary."""
+"""Largest timestep x |eigenvalue| accepted. RK4's own limit: 2.785 on the negative real axis, 2.83 on the imaginary."""
 
 Rates = Callable[[CarState, Any, Car], CarState]
 
@@ -16,7 +16,7 @@ Rates = Callable[[CarState, Any, Car], CarState]
 def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, Car, Any], CarState]:
     """``advance(state, at_start, at_middle, at_end, car, timestep)``: one step, the input given at its three times."""
     rates = xp.function(rates)
-    along = xp.function(moved)
+    along: Callable[[CarState, CarState, Any], CarState] = xp.function(moved)
 
     def advance(state: CarState, at_start: Any, at_middle: Any, at_end: Any, car: Car, timestep: Any) -> CarState:
         half = 0.5 * timestep

@@ -109,7 +109,7 @@ def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles
     lateral_force = xp.function(tire.law(xp))
 
     def axles(state: CarState, car: Car) -> Axles:
-        # Reciprocals of what stays the same: the compiler moves them out of the loop, which it may not do to a quotient.
+        # Reciprocals of what stays the same: the compiler may move them out of the loop, and may not make them itself.
         per_speed, per_mass, per_inertia = 1.0 / car.speed, 1.0 / car.mass, 1.0 / car.yaw_inertia
         front_slip = angle((state.lateral_velocity + car.cg_to_front * state.yaw_rate) * per_speed)  # 6.20
         rear_slip = angle((state.lateral_velocity - car.cg_to_rear * state.yaw_rate) * per_speed)
@@ -136,7 +136,7 @@ def unchanged(x: Any) -> Any:
     return x
 
 
-def one(x: Any) -> Any:
+def one(_: Any) -> Any:
     """The small-angle cosine."""
     return 1.0
 

@@ -61,7 +61,11 @@ def _font(size: int) -> Any:
 @functools.lru_cache(maxsize=512)
 def _text(words: str, size: int, colour: Colour) -> Any:
     # At twice the size and reduced: the letters of small sizes are set too far apart.
-    large = _font(2 * size).render(words, True, colour)
+    try:
+        large = _font(2 * size).render(words, True, colour)
+    except pygame.error:  # somebody has called pygame.quit(), which ends the life of all fonts
+        _font.cache_clear()
+        large = _font(2 * size).render(words, True, colour)
     return pygame.transform.smoothscale_by(large, 0.5)
 
 

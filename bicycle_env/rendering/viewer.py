@@ -104,7 +104,7 @@ class Viewer:
             rear_grip=setup.rear_grip,
             sideslip_limit=rules.sideslip_limit,
             yaw_rate_limit=rules.yaw_rate_limit,
-            end=env._ends[env._end],
+            end=env.end,
             settled=env.is_success,
         )
         self._history.append(_Moment(state.time, scene.centre_of_mass, (reading.sideslip, reading.yaw_rate)))

@@ -307,8 +307,8 @@ def test_types_and_memory_of_what_comes_back(combination):
         given = action.copy()
         observation, reward, terminated, truncated, info = env.step(action)
         assert np.array_equal(action, given), "the caller's action was changed"
-        expected = record(*(twin.step(given)[i] for i in (0,)), info)
-        assert record(observation, info) == expected
+        expected = twin.step(given)
+        assert record(observation, info, reward) == record(expected[0], expected[4], expected[1])
         assert type(reward) is float
         assert np.isfinite(reward)
         assert type(terminated) is bool
@@ -454,16 +454,21 @@ def test_one_action_in_many_types(combination):
 
 
 @pytest.mark.parametrize("env_id", MAX_STEPS)
-def test_whole_numbers_and_long_doubles_are_real_numbers(env_id):
+def test_whole_numbers_are_real_numbers(env_id):
     results = []
     for action in (np.array([1.0, 0.0]), [1, 0], np.array([1, 0]), np.array([1, 0], np.uint8)):
         env = gym.make(env_id)
         env.reset(seed=15)
         results.append(env.step(action)[0].tobytes())
     assert len(set(results)) == 1
-    env = gym.make(env_id)
+
+
+@pytest.mark.parametrize("env_id", MAX_STEPS)
+def test_long_doubles_are_real_numbers(env_id):
+    env, twin = gym.make(env_id), gym.make(env_id)
     env.reset(seed=15)
-    assert env.step(np.array([1.0, 0.0], np.longdouble))[0].tobytes() == results[0]
+    twin.reset(seed=15)
+    assert np.array_equal(env.step(np.array([1.0, 0.0], np.longdouble))[0], twin.step(np.array([1.0, 0.0]))[0])
 
 
 @pytest.mark.parametrize(("steer", "silent"), [("front", 5), ("rear", 4)])

@@ -216,6 +216,13 @@ def test_a_car_without_a_critical_speed_is_drawn(make):
     assert frame_at(make(vehicle="understeer", speed=20.0), {}).shape == (HEIGHT, WIDTH, 3)
 
 
+def test_frames_are_drawn_after_somebody_has_quit_pygame(make):
+    env = make()
+    frame_at(env, {})
+    pygame.quit()
+    assert frame_at(env, TURNED).shape == (HEIGHT, WIDTH, 3)
+
+
 # the path driven
 
 

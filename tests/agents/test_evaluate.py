@@ -1,0 +1,117 @@
+"""The evaluation command: a table, a file, and one line for a mistake."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import pytest
+
+import bicycle_env  # noqa: F401
+from agents.episodes import drive, evaluate, start_seeds, summarise
+from agents.messages import UserError
+from bicycle_env import control
+
+ROOT = Path(__file__).parents[2]
+
+
+def command(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", *words], cwd=ROOT, capture_output=True, text=True, check=False, env=None
+    )
+
+
+def test_the_command_prints_a_table_and_writes_a_file(tmp_path):
+    out = tmp_path / "figures.json"
+    done = command("agents.evaluate", "--episodes", "5", "--policy", "lqr", "zero", "--json", str(out))
+    assert done.returncode == 0, done.stderr
+    for word in ("lqr", "zero", "success", "return", "slip [deg]", "effort [deg]", "95 % interval"):
+        assert word in done.stdout
+    content = json.loads(out.read_text())
+    assert content["policies"]["lqr"]["episodes"] == 5
+    assert "--episodes 5" in content["command"]
+    assert set(content["policies"]) == {"lqr", "zero"}
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--policy", "lrq"], "policy must be one of"),
+        (["--env-id", "BicycleStab-v9"], "Ids of this package"),
+        (["--env-keywords", '{"speed": -1}'], "speed must be"),
+        (["--episodes", "0"], "--episodes"),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_code_2(words, text):
+    done = command("agents.evaluate", *words)
+    assert done.returncode == 2
+    assert text in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("module", ["train", "evaluate", "benchmark", "demo", "tune_lqr"])
+def test_help_teaches(module):
+    done = command(f"agents.{module}", "--help")
+    assert done.returncode == 0
+    assert f"python -m agents.{module}" in done.stdout
+
+
+def test_all_policies_drive_from_the_same_starts():
+    env = gym.make("BicycleStab-v0", telemetry=True)
+    states = []
+    for _ in range(2):
+        for seed in start_seeds(3, 7):
+            env.reset(seed=seed)
+            states.append(env.unwrapped.state)
+    assert states[:3] == states[3:]
+    assert start_seeds(3, 7) != start_seeds(3, 8)
+
+
+def test_figures_of_an_episode_by_hand():
+    env = gym.make("BicycleStab-v0", telemetry=True)
+    episode = drive(env, control.make("zero", env.unwrapped), start_seeds(1, 0)[0])
+    assert episode.steering_effort == 0.0
+    assert not episode.success
+    assert episode.end in ("spun", "left_lane")
+    assert episode.overshoot is None
+    assert episode.seconds < 8.0
+    again = drive(env, control.make("zero", env.unwrapped), start_seeds(1, 0)[0])
+    assert again == episode
+
+
+def test_lane_change_metrics():
+    env = gym.make("BicycleLaneChange-v0", telemetry=True)
+    driven = evaluate(env, control.make("lqr", env.unwrapped), 3, 5)
+    for episode in driven:
+        assert episode.success
+        assert 0.0 <= episode.overshoot < 0.5
+        assert 1.0 < episode.settling_time < 4.0
+        assert episode.peak_lateral_acceleration < 9.81
+    stays = drive(env, control.make("zero", env.unwrapped), start_seeds(1, 5)[0])
+    assert stays.settling_time is None
+    summary = summarise(driven)
+    assert summary["settling_time"]["of"] == 3
+    assert summary["success_rate"]["value"] == 1.0
+    assert math.isclose(
+        summary["episode_return"]["value"], sum(episode.episode_return for episode in driven) / 3, rel_tol=1e-12
+    )
+
+
+def test_a_policy_for_another_environment_is_refused(tmp_path):
+    from agents.evaluate import find_policy
+
+    names = ["lateral_position"]
+    import numpy as np
+
+    control.Network(
+        [(np.zeros((2, 1), np.float32), np.zeros(2, np.float32))],
+        "tanh",
+        "clip",
+        {"env_id": "Other-v0", "observation_names": names},
+    ).save(tmp_path)
+    with pytest.raises(UserError, match="trained for Other-v0"):
+        find_policy(str(tmp_path), gym.make("BicycleStab-v0"))

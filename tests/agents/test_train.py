@@ -1,0 +1,138 @@
+"""Training writes a folder that tells what the run was, and goes on after a stop."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from rich.console import Console
+
+import bicycle_env  # noqa: F401
+from agents import train
+from agents.messages import UserError
+from bicycle_env import control
+
+STEPS = {"ppo": 2048, "sac": 1200, "td3": 1200}
+
+
+def quick(algo: str, folder: Path, **changes: object) -> train.Args:
+    values = {"algo": algo, "seed": 3, "total_timesteps": STEPS[algo], "out": folder, "quiet": True, **changes}
+    return train.Args(**values)
+
+
+@pytest.fixture(scope="module", params=["ppo", "sac", "td3"])
+def run(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / request.param
+    train.train(quick(request.param, folder), Console(quiet=True))
+    return request.param, folder
+
+
+def test_a_run_folder_tells_what_the_run_was(run):
+    algo, folder = run
+    content = json.loads((folder / "run.json").read_text())
+    assert content["algo"] == algo
+    assert content["seed"] == 3
+    assert content["finished"] is True
+    assert content["timesteps"] >= STEPS[algo]
+    assert content["settings"]["model"]["gamma"] == 0.98
+    assert {"python", "gymnasium", "torch", "stable-baselines3", "bicycle-env"} <= set(content["versions"])
+    assert content["git"]
+    header, *rows = (folder / "curve.csv").read_text().splitlines()
+    assert header == train.CURVE_HEADER
+    assert int(rows[-1].split(",")[0]) == content["timesteps"]
+    assert any((folder / "tensorboard").rglob("events.*"))
+
+
+def test_the_policy_loads_without_unpickling_and_drives(run, monkeypatch):
+    _, folder = run
+
+    def refuse(*_, **__):
+        raise AssertionError("unpickled")
+
+    monkeypatch.setattr(pickle, "load", refuse)
+    monkeypatch.setattr(pickle, "loads", refuse)
+    policy = control.load(folder)
+    env = gym.make("BicycleStab-v0")
+    observation, _ = env.reset(seed=0)
+    action = policy.act(observation)
+    assert action.shape == (2,)
+    assert action.dtype == np.float32
+    assert env.action_space.contains(action)
+
+
+def test_an_existing_run_is_not_overwritten(run):
+    algo, folder = run
+    before = (folder / "policy.safetensors").read_bytes()
+    with pytest.raises(UserError, match="holds a run already"):
+        train.train(quick(algo, folder), Console(quiet=True))
+    assert (folder / "policy.safetensors").read_bytes() == before
+
+
+def test_resume_goes_on_from_the_checkpoint(tmp_path):
+    for algo in ("ppo", "sac"):
+        folder = tmp_path / algo
+        train.train(quick(algo, folder), Console(quiet=True))
+        curve = (folder / "curve.csv").read_text().splitlines()
+        state = torch.load(folder / "checkpoint" / "model.pt", weights_only=True)
+        total = 2 * STEPS[algo]
+        train.train(quick(algo, folder, total_timesteps=total, resume=True), Console(quiet=True))
+        resumed = (folder / "curve.csv").read_text().splitlines()
+        assert resumed[: len(curve)] == curve
+        assert int(resumed[-1].split(",")[0]) >= total
+        assert json.loads((folder / "run.json").read_text())["timesteps"] >= total
+        later = torch.load(folder / "checkpoint" / "model.pt", weights_only=True)
+        assert any(not torch.equal(state["policy"][name], later["policy"][name]) for name in state["policy"])
+
+
+def test_resume_restores_weights_optimiser_and_buffer(tmp_path):
+    folder = tmp_path / "sac"
+    train.train(quick("sac", folder), Console(quiet=True))
+    args = quick("sac", folder)
+    model = train.build(args, train.settings.read(args.env_id, "sac"), {}, tmp_path / "tensorboard")
+    curve, seconds = train.load_checkpoint(model, folder)
+    assert model.num_timesteps >= STEPS["sac"]
+    assert seconds > 0
+    assert curve
+    assert model.replay_buffer.pos == model.num_timesteps // model.n_envs
+    assert np.abs(model.replay_buffer.observations[: model.replay_buffer.pos]).sum() > 0
+    exported = train.export.network(model, "sac", {"env_id": args.env_id})
+    observation = np.linspace(-1, 1, 8, dtype=np.float32)
+    np.testing.assert_allclose(exported.act(observation), control.load(folder).act(observation), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"resume": True}, "holds no run"),
+        ({"total_timesteps": 0}, "total-timesteps"),
+        ({"seed": -1}, "seed"),
+        ({"env_id": "BicycleStb-v0"}, "no settings file"),
+        ({"env_keywords": "{"}, "env-keywords"),
+        ({"env_keywords": '{"vehicel": 1}'}, "vehicle"),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, changes, text):
+    with pytest.raises(UserError, match=text) as caught:
+        train.train(quick("ppo", tmp_path / "run", **changes), Console(quiet=True))
+    assert "\n" not in str(caught.value)
+
+
+def test_resume_refuses_another_seed(tmp_path):
+    folder = tmp_path / "run"
+    train.train(quick("ppo", folder), Console(quiet=True))
+    with pytest.raises(UserError, match="seed"):
+        train.train(quick("ppo", folder, seed=4, resume=True), Console(quiet=True))
+
+
+def test_the_same_seed_gives_the_same_policy(tmp_path):
+    for name in ("a", "b"):
+        train.train(quick("ppo", tmp_path / name), Console(quiet=True))
+    train.train(quick("ppo", tmp_path / "c", seed=4), Console(quiet=True))
+    weights = {name: (tmp_path / name / "policy.safetensors").read_bytes() for name in "abc"}
+    assert weights["a"] == weights["b"]
+    assert weights["a"] != weights["c"]

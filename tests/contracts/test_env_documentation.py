@@ -1,0 +1,321 @@
+"""The class docstrings are the documentation: each number in them is the number that is used."""
+
+import ast
+import importlib
+import inspect
+import math
+import re
+
+import gymnasium as gym
+import pytest
+
+from bicycle_env import Actuator, vehicles
+from bicycle_env.envs.single_track_env import keyword_names
+from bicycle_env.physics.single_track import CarState
+from bicycle_env.registration import ENVIRONMENTS
+
+
+class Documented:
+    """One id: its environment, its docstring on one line per paragraph, and its tables."""
+
+    def __init__(self, row):
+        self.row = row
+        module, name = row.entry_point.split(":")
+        self.cls = getattr(importlib.import_module(module), name)
+        self.env = gym.make(row.id).unwrapped
+        self.doc = inspect.getdoc(self.cls)
+        self.text = re.sub(r"\s+", " ", self.doc)
+
+    def section(self, heading):
+        found = re.search(rf"^## {heading}\n(.*?)(?=^## |\Z)", self.doc, flags=re.MULTILINE | re.DOTALL)
+        assert found, heading
+        return found.group(1)
+
+    def table(self, heading):
+        lines = [line for line in self.section(heading).splitlines() if line.startswith("|")]
+        rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+        assert len(rows) > 2, heading
+        assert all(len(row) == len(rows[0]) for row in rows)
+        return [dict(zip(rows[0], row, strict=True)) for row in rows[2:]]
+
+    def parameters(self):
+        """Keyword -> default, from the signatures."""
+        own = {
+            name: parameter.default
+            for name, parameter in inspect.signature(self.cls.__init__).parameters.items()
+            if parameter.kind is parameter.KEYWORD_ONLY
+        }
+        task = {
+            name: parameter.default for name, parameter in inspect.signature(self.cls.task_class).parameters.items()
+        }
+        return own | task
+
+    def has(self, text):
+        assert text in self.text, text
+
+
+@pytest.fixture(params=ENVIRONMENTS, ids=lambda row: row.id, scope="module")
+def page(request):
+    return Documented(request.param)
+
+
+@pytest.fixture
+def stab():
+    return Documented(ENVIRONMENTS[0])
+
+
+@pytest.fixture
+def lane_change():
+    return Documented(ENVIRONMENTS[1])
+
+
+def test_every_section_is_there(page):
+    for heading in (
+        "Description",
+        "Action space",
+        "Observation space",
+        "Reward",
+        "Starting state",
+        "Episode end",
+        "Info",
+        "Arguments",
+        "Version history",
+    ):
+        assert page.section(heading).strip()
+    assert "v0" in page.section("Version history")
+
+
+# Arguments
+
+
+def documented_default(cell):
+    text = cell.strip("`")
+    actuator = re.fullmatch(r"Actuator\((\S+) deg, (\S+) deg/s, (\S+) s\)", text)
+    if actuator:
+        angle, rate, lag = map(float, actuator.groups())
+        return Actuator(math.radians(angle), math.radians(rate), lag)
+    return ast.literal_eval(text)
+
+
+def test_the_table_of_arguments_is_the_signature(page):
+    table = {row["Keyword"]: documented_default(row["Default"]) for row in page.table("Arguments")}
+    assert list(table) == keyword_names(page.cls.task_class)
+    parameters = page.parameters()
+    assert set(table) == set(parameters)
+    for name, default in table.items():
+        assert default == parameters[name], name
+        assert type(default) is type(parameters[name]), name
+
+
+def test_every_argument_is_explained(page):
+    assert all(row["Meaning"] for row in page.table("Arguments"))
+
+
+def test_the_meanings_name_the_defaults_that_none_stands_for(page):
+    meaning = {row["Keyword"]: row["Meaning"] for row in page.table("Arguments")}
+    assert f"{page.env.horizon} by default" in meaning["horizon"]
+    assert page.env.horizon == page.row.max_episode_steps == page.env.task.episode_steps
+    ratio = page.env.speed / page.env.vehicle.critical_speed
+    assert f"{ratio:.12g} if neither is given" in meaning["speed_ratio"]
+    for words, keyword in (
+        (("linear", "tanh", "fiala", "magic_formula"), "tire"),
+        (("front", "rear", "both"), "steer"),
+        (("small_angle", "exact"), "geometry"),
+        (("default", "quadratic"), "reward"),
+        (("human", "rgb_array"), "render_mode"),
+    ):
+        assert re.findall(r'`"(\w+)"`', meaning[keyword]) == list(words)
+
+
+def test_the_meanings_of_the_lane_change(lane_change):
+    meaning = {row["Keyword"]: row["Meaning"] for row in lane_change.table("Arguments")}
+    env = lane_change.env
+    path = env.task.settings(env.speed)
+    assert re.findall(r'`"(\w+)"`', meaning["direction"]) == ["left", "right", "random"]
+    early, late = path.earliest_start / env.speed, path.latest_start / env.speed
+    assert f"uniform in {early:g} to {late:g}" in meaning["change_start"]
+    assert f"{path.change_length / env.speed:g} by default" in meaning["duration"]
+    lane_change.has(f"In the default {path.change_length / env.speed:g} s")
+
+
+# Spaces
+
+
+def test_the_table_of_observations(page):
+    env = page.env
+    rows = page.table("Observation space")
+    listed = []
+    for row in rows:
+        if "-" in row["Num"]:
+            first, last = map(int, row["Num"].split("-"))
+            begin, end = re.fullmatch(r"preview_(\S+)s \.\.\. preview_(\S+)s", row["Observation"]).groups()
+            count = last - first + 1
+            assert first == len(listed)
+            times = [float(begin) + k * (float(end) - float(begin)) / (count - 1) for k in range(count)]
+            listed += [{**row, "Observation": f"preview_{time:g}s"} for time in times]
+        else:
+            assert int(row["Num"]) == len(listed)
+            listed.append(row)
+    scales = {
+        "0.2 x speed": 0.2 * env.speed,
+        "front angle limit": env.front_actuator.angle_limit,
+        "rear angle limit": env.rear_actuator.angle_limit,
+    }
+    assert [row["Observation"] for row in listed] == [entry.name for entry in env.observation_entries]
+    assert tuple(row["Observation"] for row in listed) == env.observation_names
+    for row, entry, scale, bound in zip(
+        listed, env.observation_entries, env.observation_scale, env.observation_space.high, strict=True
+    ):
+        assert row["Unit"] == entry.unit, row
+        documented = scales[row["Scale"]] if row["Scale"] in scales else float(row["Scale"])
+        assert documented == pytest.approx(entry.scale, rel=1e-15), row
+        assert entry.scale == scale
+        assert float(row["Bound"]) == entry.bound == bound, row
+    assert f"`Box({len(listed)},)`" in page.section("Observation space")
+    assert (env.observation_mirror == -1.0).all()
+    page.has("All entries change sign in the mirror image")
+
+
+def test_the_table_of_actions(page):
+    env = page.env
+    actuators = (env.front_actuator, env.rear_actuator)
+    rows = page.table("Action space")
+    assert [row["Action"] for row in rows] == list(env.linear_model().input_names)
+    for k, (row, actuator) in enumerate(zip(rows, actuators, strict=True)):
+        assert int(row["Num"]) == k
+        assert row["1 means (default actuators)"] == f"{math.degrees(actuator.angle_limit):g} deg at the road wheels"
+    assert f"`Box(-1, 1, {env.action_space.shape}, float32)`" in page.section("Action space")
+    assert actuators[0].time_constant == actuators[1].time_constant
+    page.has(
+        f"first-order lag ({actuators[0].time_constant:g} s) and a rate limit "
+        f"(front {math.degrees(actuators[0].rate_limit):g} deg/s, rear {math.degrees(actuators[1].rate_limit):g} deg/s)"
+    )
+
+
+# Reward, start, end
+
+
+def test_the_default_reward_of_stab(stab):
+    rules = stab.env.rules
+    stab.has(
+        f"c = {rules.lateral_weight} y^2 + {rules.heading_weight} psi^2 + {rules.sideslip_weight} beta^2 + "
+        f"{rules.yaw_rate_weight} r^2 + {rules.effort_weight} |u|^2 + {rules.smoothness_weight} |du|^2"
+    )
+
+
+def test_the_default_reward_of_the_lane_change(lane_change):
+    rules = lane_change.env.rules
+    lane_change.has(
+        f"c = {rules.lateral_weight} e_y^2 + {rules.heading_weight} e_psi^2 + {rules.sideslip_weight} beta^2 + "
+        f"{rules.yaw_rate_weight} r^2 + {rules.effort_weight} |u|^2 + {rules.smoothness_weight} |du|^2"
+    )
+
+
+def test_the_quadratic_reward(page):
+    rules, model = page.env.rules, page.env.linear_model()
+    costs = (
+        rules.lateral_cost,
+        rules.heading_cost,
+        rules.lateral_velocity_cost,
+        rules.yaw_rate_cost,
+        rules.front_steer_cost,
+        rules.rear_steer_cost,
+    )
+    commands = (rules.front_command_cost, rules.rear_command_cost)
+    page.has(f"Q = diag({', '.join(map(str, costs))}), R = diag({', '.join(map(str, commands))})")
+    assert tuple(model.Q.diagonal()) == costs
+    assert tuple(model.R.diagonal()) == commands
+    order = re.search(r"x = \(([^)]*)\)", page.text).group(1).replace("lateral_error", "lateral_position")
+    assert tuple(order.replace("heading_error", "heading").split(", ")) == model.state_names
+
+
+def test_the_start_of_stab(stab):
+    box = stab.env.task.settings(stab.env.speed)
+    stab.has(
+        f"lateral_position in +-{box.lateral_position} m, course (heading + sideslip) in +-{box.course} rad, sideslip "
+        f"in +-{box.sideslip} rad, yaw_rate in +-{box.yaw_rate} rad/s"
+    )
+
+
+def test_the_start_of_the_lane_change(lane_change):
+    env = lane_change.env
+    path = env.task.settings(env.speed)
+    early, late = path.earliest_start / env.speed, path.latest_start / env.speed
+    lane_change.has(
+        f"lateral_position in +-{path.offset} m, heading in +-{path.heading} rad, the change begins {early:.3g} to "
+        f"{late:.3g} s after the start"
+    )
+
+
+def test_the_limits(page):
+    rules = page.env.rules
+    page.has(
+        f"|sideslip| > {rules.sideslip_limit}, |yaw rate| > {rules.yaw_rate_limit} rad/s or "
+        f"|heading| > {rules.heading_limit} rad"
+    )
+    seconds = page.row.max_episode_steps * page.env.control_timestep
+    page.has(f"Truncated after {page.row.max_episode_steps} steps ({seconds:g} s)")
+    assert f'- `"{page.env.task.left_name}"`' in page.section("Episode end")
+    assert '- `"spun"`' in page.section("Episode end")
+
+
+def test_the_lane_of_stab(stab):
+    half = stab.env.rules.road_half_width
+    stab.has(f"the lane, {2 * half} m wide: |lateral_position| > {half} m + half the body")
+
+
+def test_the_tolerances_of_stab(stab):
+    rules = stab.env.rules
+    stab.has(
+        f"|lateral_position| < {rules.lateral_tolerance} m, |heading| < {rules.heading_tolerance}, |sideslip| < "
+        f"{rules.sideslip_tolerance} and |yaw rate| < {rules.yaw_rate_tolerance} rad/s"
+    )
+
+
+def test_the_tolerances_of_the_lane_change(lane_change):
+    rules = lane_change.env.rules
+    lane_change.has(
+        f"within {rules.lateral_tolerance} m of the new lane's middle with |heading| < {rules.heading_tolerance}, "
+        f"|sideslip| < {rules.sideslip_tolerance} and |yaw rate| < {rules.yaw_rate_tolerance} rad/s"
+    )
+
+
+def test_the_peak_acceleration_of_the_path(lane_change):
+    # The second derivative of 10 s^3 - 15 s^4 + 6 s^5 is largest at s = (1 - 1/sqrt 3)/2, where it is 10/sqrt 3.
+    env = lane_change.env
+    peak = 10.0 / math.sqrt(3.0) * env.task.lane_width / env.task.duration**2
+    lane_change.has(f"peak lateral acceleration is {peak:.0f} m/s^2")
+
+
+# Info, state, options
+
+
+def test_the_telemetry_is_listed(page):
+    section = re.sub(r"\s+", " ", page.section("Info"))
+    plain = page.env.reset(seed=0)[1]
+    assert set(re.findall(r"`(\w+)` \(", section)) == set(plain)
+    env = gym.make(page.row.id, telemetry=True)
+    listed = section.split("also: ")[1]
+    listed = re.sub(r"\([^()]*(?:\([^()]*\))?[^()]*\)|\[[^\]]*\]", "", listed)
+    assert set(re.findall(r"\w+", listed)) == set(env.reset(seed=0)[1]) - set(plain)
+
+
+def test_the_settable_state_names(stab):
+    listed = re.search(r"Settable: ([\w, ]+)\.", stab.text).group(1).split(", ")
+    assert listed == [*CarState._fields, "front_steer_command", "rear_steer_command"]
+    env = stab.env
+    for name in listed:
+        env.reset(options={"state": {name: 0.01}})
+        assert getattr(env.state, name) == 0.01
+
+
+def test_the_options_of_the_lane_change(lane_change):
+    found = re.search(r"`reset\(options=(\{.*?\})\)`", lane_change.text.replace("{...}", "{}")).group(1)
+    options = ast.literal_eval(found)
+    assert set(options) == {"state", *lane_change.env.task.options}
+    lane_change.env.reset(options=options)
+
+
+def test_the_default_speed(page):
+    assert "1.2 times the critical speed" in page.text or "above its critical speed" in page.text
+    assert page.env.speed == 1.2 * vehicles["oversteer"].critical_speed

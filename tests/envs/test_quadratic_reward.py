@@ -1,0 +1,161 @@
+"""reward="quadratic": a failure pays for the rest of the horizon, so that ending early never pays."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from bicycle_env.control import make
+from bicycle_env.registration import ENVIRONMENTS
+
+IDS = [row.id for row in ENVIRONMENTS]
+
+
+def worst(env):
+    """By hand: the largest stage cost of a running episode."""
+    rules = env.rules
+    half_body = 0.5 * env.vehicle.body_width
+    return (
+        rules.lateral_cost * (2.0 * rules.road_half_width + half_body) ** 2
+        + rules.heading_cost * (2.0 * rules.heading_limit) ** 2
+        + rules.lateral_velocity_cost * (rules.sideslip_limit * env.speed) ** 2
+        + rules.yaw_rate_cost * rules.yaw_rate_limit**2
+        + rules.front_steer_cost * env.front_actuator.angle_limit**2
+        + rules.rear_steer_cost * env.rear_actuator.angle_limit**2
+        + rules.front_command_cost
+        + rules.rear_command_cost
+    )
+
+
+def episode(env, plant, seed, act):
+    """(return, steps, end) and the sum of the running costs computed here, from the telemetry and the state."""
+    observation, info = env.reset(seed=seed)
+    rules = plant.rules
+    total, running, steps, over = 0.0, 0.0, 0, False
+    while not over:
+        state = plant.state
+        action = np.clip(act(observation), -1.0, 1.0)
+        running += (
+            rules.lateral_cost * info["lateral_error"] ** 2
+            + rules.heading_cost * info["heading_error"] ** 2
+            + rules.yaw_rate_cost * state.yaw_rate**2
+            + rules.front_command_cost * float(action[0]) ** 2
+            + rules.rear_command_cost * float(action[1]) ** 2
+        )
+        observation, reward, terminated, truncated, info = env.step(action)
+        total += reward
+        steps += 1
+        over = terminated or truncated
+    return total, running, steps, info["end"]
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_an_episode_that_ends_early_returns_less_than_any_that_survives(env_id):
+    horizon = 120
+    env = gym.make(env_id, reward="quadratic", horizon=horizon, telemetry=True, max_episode_steps=horizon)
+    plant = env.unwrapped
+    lqr = make("lqr", plant)
+    rng = np.random.default_rng(4)
+    survivors, failures = 0, 0
+    for seed in range(12):
+        survived, failed = [], []
+        for attempt in range(12):
+            noise = rng.uniform(0.0, 1.5) * (attempt > 0)
+            share = rng.uniform(0.0, 1.2) if attempt else 1.0
+            drift = rng.uniform(-0.5, 0.5, 2) * (attempt > 0)
+            total, running, steps, end = episode(
+                env,
+                plant,
+                seed,
+                lambda o, n=noise, s=share, d=drift: s * lqr.act(o) + d + n * rng.uniform(-1.0, 1.0, 2),
+            )
+            if end:
+                assert total == pytest.approx(-running - (horizon - steps) * worst(plant), rel=1e-12)
+                assert steps <= horizon
+                failed.append(total)
+            else:
+                assert steps == horizon
+                assert total == pytest.approx(-running, rel=1e-12)
+                survived.append(total)
+        survivors += len(survived)
+        failures += len(failed)
+        if survived and failed:
+            assert max(failed) < min(survived)
+    assert survivors > 10
+    assert failures > 10
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_no_running_step_costs_more_than_the_worst(env_id):
+    env = gym.make(env_id, reward="quadratic").unwrapped
+    limit = worst(env)
+    rng = np.random.default_rng(5)
+    largest = 0.0
+    for _ in range(300):
+        side = rng.choice([-1.0, 1.0], 4)
+        y = side[0] * rng.uniform(1.0, 6.0)
+        state = {"lateral_position": y, "heading": side[1] * 1.19, "yaw_rate": side[2] * 1.99}
+        env.reset(options={"state": state})
+        first = env.step(rng.choice([-1.0, 1.0], 2))
+        if not first[2]:  # the state before the next step is one of a running episode
+            second = env.step(rng.choice([-1.0, 1.0], 2))
+            if not second[2]:
+                assert -second[1] <= limit
+                largest = max(largest, -second[1])
+    assert largest > 0.2 * limit
+
+
+def test_the_horizon_decides_what_a_failure_costs():
+    rewards = {}
+    for horizon in (1, 2, 3, 400):
+        env = gym.make("BicycleStab-v0", reward="quadratic", horizon=horizon).unwrapped
+        env.reset(options={"state": {"yaw_rate": 2.5}})
+        _, rewards[horizon], terminated, _, _ = env.step(np.zeros(2))
+        assert terminated
+    env = gym.make("BicycleStab-v0").unwrapped
+    running = -env.rules.yaw_rate_cost * 2.5**2
+    assert rewards[1] == pytest.approx(running, rel=1e-14)
+    assert rewards[2] == pytest.approx(running - worst(env), rel=1e-14)
+    assert rewards[3] == pytest.approx(running - 2 * worst(env), rel=1e-14)
+    assert rewards[400] == pytest.approx(running - 399 * worst(env), rel=1e-14)
+    # A failure after the horizon pays nothing more.
+    env = gym.make("BicycleStab-v0", reward="quadratic", horizon=1).unwrapped
+    env.reset(options={"state": {"yaw_rate": 1.9, "lateral_velocity": -8.0}})
+    while not (result := env.step(np.array([1.0, -1.0])))[2]:
+        pass
+    assert result[1] > -worst(env)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_the_default_reward_by_hand(env_id):
+    env = gym.make(env_id, telemetry=True)
+    plant, rules = env.unwrapped, env.unwrapped.rules
+    rng = np.random.default_rng(6)
+    env.reset(seed=1)
+    last = np.zeros(2)
+    checked = 0
+    for _ in range(60):
+        action = rng.uniform(-1.3, 1.3, 2)
+        _, reward, terminated, _, info = env.step(action)
+        action = np.clip(action, -1.0, 1.0)
+        c = (
+            rules.lateral_weight * info["lateral_error"] ** 2
+            + rules.heading_weight * info["heading_error"] ** 2
+            + rules.sideslip_weight * info["sideslip"] ** 2
+            + rules.yaw_rate_weight * plant.state.yaw_rate**2
+            + rules.effort_weight * float(action @ action)
+            + rules.smoothness_weight * float((action - last) @ (action - last))
+        )
+        assert reward == pytest.approx(1.0 / (1.0 + c), rel=1e-12)
+        assert 0.0 < reward <= 1.0
+        last = action
+        checked += 1
+        if terminated:
+            break
+    assert checked > 20
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_a_perfect_step_is_worth_one(env_id):
+    env = gym.make(env_id, **({"change_start": 50.0} if "Lane" in env_id else {}))
+    env.reset(options={"state": {}})
+    assert env.step(np.zeros(2, np.float32))[1] == 1.0
