@@ -26,7 +26,7 @@ def continuous_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> Matrix:
 def discrete_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> tuple[Matrix, Matrix]:
     """K of u = -K x that minimises the sum of x'Qx + u'Ru along x+ = A x + B u, and P: the least cost is x'Px."""
     P = scipy.linalg.solve_discrete_are(A, B, Q, R)
-    K: Matrix = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    K: Any = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
     return K, P
 
 
@@ -55,7 +55,7 @@ def preview_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix, reference: Matrix, 
         if np.max(np.abs(new - S)) <= 1e-12 * np.max(np.abs(new)):
             break
         S = new
-    G: Matrix = np.linalg.solve(R + B.T @ P @ B, B.T @ S @ shift)
+    G: Any = np.linalg.solve(R + B.T @ P @ B, B.T @ S @ shift)
     return K, G
 
 

@@ -6,7 +6,8 @@ Every backend evaluates the same polynomials, so plain Python, numba, numpy and 
 loop over many cars vectorises (library calls would stop it: SVML is not in the llvmlite wheel).
 
 All functions are branch-free. The odd ones are computed on ``|x|`` and mirrored, which makes them odd to the bit, and
-with them the mirror symmetry of the car. Absolute error for |x| <= 30: at most 3e-15 (a test holds it). The coefficients come from tools/fit_elementary.py; the sums are arranged in pairs (Estrin) because one car alone waits
+with them the mirror symmetry of the car. Absolute error for |x| <= 30: at most 3e-15 (a test holds it).
+The coefficients come from tools/fit_elementary.py; the sums are arranged in pairs (Estrin) because one car alone waits
 for each result, and a chain of eleven multiply-adds is a long wait.
 """
 
