@@ -1,1 +1,8 @@
-"""Scripts that a user runs from a checkout: train, evaluate, tune, demo."""
+"""Scripts that a user runs from a checkout: train, evaluate, benchmark, tune_lqr, demo."""
+
+from importlib.util import find_spec
+
+_NEEDED = ("matplotlib", "rich", "safetensors", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro")
+_missing = [name for name in _NEEDED if find_spec(name) is None]
+if _missing:
+    raise SystemExit(f'error: agents needs {", ".join(_missing)}: pip install -c constraints.txt -e ".[agents]"')

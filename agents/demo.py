@@ -24,7 +24,7 @@ from bicycle_env import control
 from bicycle_env.files import write_json
 
 ENV_ID = "BicycleStab-v0"
-PICTURES = ("rescue.png", "starts.png", "learning_curve.png", "top_view.png")
+PICTURES = ("drive.png", "starts.png", "learning_curve.png", "top_view.png")
 MUST_LEAD = 0.5  # of the starts, over the uncontrolled car
 
 
@@ -84,7 +84,7 @@ def main() -> int:
     place = args.out / "demo"
     start = interesting_start(driven, args.evaluation_seed)
     shares = {name: row["success_rate"]["value"] for name, row in rows.items()}
-    pictures.drive(env, policies, start, place / "rescue.png")
+    pictures.drive(env, policies, start, place / "drive.png")
     pictures.saved_starts(env, driven, args.evaluation_seed, place / "starts.png")
     pictures.learning_curves(
         [folder / "curve.csv"], training, {name: shares[name] for name in ("zero", "lqr")}, place / "learning_curve.png"

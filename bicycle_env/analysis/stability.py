@@ -51,7 +51,7 @@ def stability_criterion(vehicle: Vehicle, speed: float) -> float:
     """
     speed = positive("speed", speed)
     front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
-    return vehicle.wheelbase**2 * front * rear / speed**2 + vehicle.mass * _balance(vehicle)
+    return vehicle.wheelbase**2 * front * rear / speed / speed + vehicle.mass * _balance(vehicle)
 
 
 def is_stable(vehicle: Vehicle, speed: float) -> bool:

@@ -120,6 +120,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._end_names = ("", "spun", self.task.left_name)
         self._end_code = kernels.BAD_ACTION  # not yet reset
         self._warned = False
+        self._plain = not self.telemetry and self.render_mode != "human"
         self._viewer: Any = None
         self._bind()
 
@@ -185,11 +186,11 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             if end == kernels.BAD_ACTION:
                 raise ValueError(f"action must be finite numbers, nominally in [-1, 1], got {action!r}")
             self._end_code = end
-        if self.telemetry or self.render_mode == "human":
-            if self.render_mode == "human":
-                self.render()
-            return observation, reward, end > 0, False, self._info(cost)
-        return observation, reward, end > 0, False, {"end": self._end_names[end], "cost": cost}
+        if self._plain:
+            return observation, reward, end > 0, False, {"end": self._end_names[end], "cost": cost}
+        if self.render_mode == "human":
+            self.render()
+        return observation, reward, end > 0, False, self._info(cost)
 
     def render(self) -> Any:
         """Draw the present state: an array (height, width, 3) of uint8 for "rgb_array", a window for "human"."""
@@ -264,7 +265,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return dict(zip(kernels.TELEMETRY, out.tolist(), strict=True))
 
     def snapshot(self) -> Snapshot:
-        """The whole state, random generator included."""
+        """The whole state, random generator included; not the step count of a wrapper such as TimeLimit."""
         return Snapshot(self._episode.copy(), self._end_code, self.np_random.bit_generator.state)
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:

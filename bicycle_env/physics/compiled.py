@@ -106,7 +106,13 @@ def digest(function: Any) -> str:
     return hasher.hexdigest()
 
 
-def _feed(update: Callable[[bytes], None], item: Any, seen: set[int]) -> None:
+# Their versions are in every digest: what is inside them needs no look.
+_VERSIONED = ("builtins", "math", "numba", "numpy", "operator")
+
+
+def _feed(update: Callable[[bytes], None], item: Any, seen: set[int], names: tuple[str, ...] = ()) -> None:
+    """Feed one thing; `names` are the attributes that the code around it may read from a module."""
+
     def word(*parts: object) -> None:
         update(repr(parts).encode())
 
@@ -117,34 +123,38 @@ def _feed(update: Callable[[bytes], None], item: Any, seen: set[int]) -> None:
         if id(item) in seen:
             return
         seen.add(id(item))
+        names = _names(item.__code__)
         _feed(update, item.__code__, seen)
         _feed(update, item.__defaults__, seen)
+        _feed(update, tuple((item.__kwdefaults__ or {}).items()), seen)
         for cell in item.__closure__ or ():
-            _feed(update, cell.cell_contents, seen)
-        for name in _names(item.__code__):
+            _feed(update, cell.cell_contents, seen, names)
+        for name in names:
             if name in item.__globals__:
                 word(name)
-                _feed(update, item.__globals__[name], seen)
+                _feed(update, item.__globals__[name], seen, names)
     elif isinstance(item, CodeType):
         word("code", item.co_code, item.co_names, item.co_varnames, item.co_freevars)
         _feed(update, item.co_consts, seen)
     elif isinstance(item, ModuleType):
         word("module", item.__name__)
-        if item.__name__.startswith(elementary.__name__) and id(item) not in seen:
-            seen.add(id(item))
-            for name in sorted(vars(item)):
-                if isinstance(vars(item)[name], Dispatcher):
-                    _feed(update, vars(item)[name], seen)
-    elif isinstance(item, tuple):
-        word("tuple", type(item).__name__, len(item))
-        for part in item:
-            _feed(update, part, seen)
+        if item.__name__.partition(".")[0] not in _VERSIONED:
+            for name in names:
+                if hasattr(item, name):
+                    word(name)
+                    _feed(update, getattr(item, name), seen, names)
+    elif isinstance(item, (tuple, frozenset)):
+        word(type(item).__name__, len(item))
+        for part in item if isinstance(item, tuple) else sorted(item, key=repr):
+            _feed(update, part, seen, names)
     elif isinstance(item, type):
         word("type", item.__module__, item.__qualname__, getattr(item, "_fields", None))
-    elif isinstance(item, (int, float, str, bytes, bool, type(None))):
-        word(item)
+    elif isinstance(item, (np.ndarray, np.generic)):
+        word("numpy", item.dtype.str, item.shape, item.tobytes())
+    elif isinstance(item, (int, float, complex, str, bytes, type(None))):
+        word(type(item).__name__, item)
     else:
-        # Built-in functions, numpy functions and numba's intrinsics: the versions above stand for their content.
+        # Built-in functions, numpy functions and numba's intrinsics.
         word("other", getattr(item, "__module__", type(item).__module__), getattr(item, "__name__", str(type(item))))
 
 

@@ -107,14 +107,14 @@ class Namespace(Protocol):
 
 def minimum(xp: Any) -> Callable[[Any, Any], Any]:
     def minimum(a: Any, b: Any) -> Any:
-        return xp.where(a < b, a, b)
+        return xp.where(a > b, b, a)  # a NaN in a stays
 
     return minimum
 
 
 def maximum(xp: Any) -> Callable[[Any, Any], Any]:
     def maximum(a: Any, b: Any) -> Any:
-        return xp.where(a > b, a, b)
+        return xp.where(a < b, b, a)  # a NaN in a stays
 
     return maximum
 

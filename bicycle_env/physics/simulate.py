@@ -72,15 +72,17 @@ def simulate(
     inputs = _steer_inputs(steer, time)
     start = np.zeros(len(CarState._fields))
     if initial_state is not None:
+        if not isinstance(initial_state, Mapping):
+            raise TypeError(f"initial_state must be a mapping of state names to numbers, got {initial_state!r}")
         known_keys("state name", initial_state, CarState._fields[:5])
         for name, value in initial_state.items():
             start[CarState._fields.index(name)] = number(f"initial_state[{name!r}]", value)
-    start[-2:] = inputs[0, 0]
 
     car = car_on_road(vehicle, speed, friction, FRONT, REAR)
     states = np.empty((len(CarState._fields), steps + 1))
     _integrator(tire, geometry)(start, np.array(car), inputs, duration / steps, states)
 
+    states[-2:, :-1], states[-2:, -1] = inputs[:, 0].T, inputs[-1, 2]  # what acts from each time on
     history = CarState(*states)
     acting = axles(NUMPY, tire, geometry)(history, Car(*(np.float64(value) for value in car)))
     return {
@@ -125,7 +127,10 @@ def _steer_inputs(steer: Steer, time: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _pair(value: Any, time: float) -> NDArray[np.float64]:
-    pair = np.asarray(value, dtype=np.float64)
+    try:
+        pair = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        pair = np.empty(0)
     if pair.shape != (2,):
         raise ValueError(f"steer(time) must return a pair (front, rear) in rad, got {value!r} at time {time:g} s")
     return pair
@@ -146,8 +151,7 @@ def _integrator(tire: tires.Tire, geometry: str) -> Callable[..., None]:
             now = (inputs[k, 0, 0], inputs[k, 0, 1])
             middle = (inputs[k, 1, 0], inputs[k, 1, 1])
             end = (inputs[k, 2, 0], inputs[k, 2, 1])
-            moved = advance(state, now, middle, end, car, timestep)
-            state = CarState(moved[0], moved[1], moved[2], moved[3], moved[4], end[0], end[1])
+            state = advance(state, now, middle, end, car, timestep)
         for j in range(fields):
             states[j, len(inputs)] = state[j]
 

@@ -105,7 +105,7 @@ def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles
     """``axles(state, car)``: what the two axles do in a state."""
     exact = geometry == "exact"
     angle = xp.atan if exact else xp.function(unchanged)
-    cosine = xp.cos if exact else xp.function(one)
+    cosine = xp.near_cos if exact else xp.function(one)  # steer angles are below pi/2
     lateral_force = xp.function(tire.law(xp))
 
     def axles(state: CarState, car: Car) -> Axles:

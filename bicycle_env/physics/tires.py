@@ -53,7 +53,7 @@ class Tire(abc.ABC):
                 raise ValueError(f"{name} must be finite, got {value}")
             if name != "slip_angle" and not np.all(value > 0.0):
                 raise ValueError(f"{name} must be > 0, got {value}")
-        force = _on_arrays(self)(*values.values())
+        force = _on_arrays(self)(*np.broadcast_arrays(*values.values()))
         return float(force) if np.ndim(force) == 0 else np.asarray(force)
 
 

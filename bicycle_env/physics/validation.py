@@ -21,22 +21,18 @@ def number(
     if high < math.inf:
         bound = f"in [{low:g}, {high:g}]" if low > -math.inf else f"{bound} and <= {high:g}".removeprefix(" and ")
     allowed = f"a finite number {bound}".rstrip()
-    if isinstance(value, bool) or not isinstance(value, numbers.Real):
-        try:
-            # A zero-dimensional array is a number to numpy's users.
-            value = value.item() if getattr(value, "shape", None) == () else None  # type: ignore[attr-defined]
-        except (AttributeError, ValueError):
-            value = None
-        if isinstance(value, bool) or not isinstance(value, numbers.Real):
-            raise TypeError(f"{name} must be {allowed}, got {_original(value)}")
-    result = float(value)
+    real = value
+    if getattr(value, "shape", None) == ():
+        real = value.item()  # type: ignore[attr-defined]  # a zero-dimensional array is a number to numpy's users
+    if isinstance(real, bool) or not isinstance(real, numbers.Real):
+        raise TypeError(f"{name} must be {allowed}, got {value!r} ({type(value).__name__})")
+    try:
+        result = float(real)
+    except OverflowError:
+        result = math.inf
     if not math.isfinite(result) or result < low or result > high or (above is not None and result <= above):
         raise ValueError(f"{name} must be {allowed}, got {result!r}")
     return result
-
-
-def _original(value: object) -> str:
-    return "no number" if value is None else f"{value!r} ({type(value).__name__})"
 
 
 def positive(name: str, value: object) -> float:

@@ -33,7 +33,7 @@ def test_spun(env_id, sign):
     assert first_step(env_id, {"yaw_rate": sign * 2.3}) == "spun"
     assert first_step(env_id, {"yaw_rate": sign * 1.8}) == ""
     assert first_step(env_id, {"lateral_velocity": sign * 0.9 * speed()}) == "spun"
-    # Without steering, r' is not zero: against the side of the slip the car soon leaves the limits, at once it does not.
+    # Not at once; a little later, the side forces have turned it further.
     assert first_step(env_id, {"lateral_velocity": sign * 0.75 * speed(), "heading": -sign * 0.5}) == ""
 
 
@@ -73,7 +73,7 @@ def test_a_car_left_alone_spins_and_one_below_the_critical_speed_does_not():
             over = terminated or truncated
         ends[ratio] = info["end"], env.unwrapped.state.yaw_rate
     assert ends[1.2][0] != ""
-    assert abs(ends[1.2][1]) > 0.1
+    assert abs(ends[1.2][1]) > 0.04
     assert abs(ends[0.8][1]) < 0.02
 
 

@@ -111,6 +111,7 @@ def test_names_and_ownership_of_what_it_returns():
         assert values.dtype == np.float64
         assert values.ndim == 1
     names = list(run)
+    assert all(run[name].flags.owndata for name in STATES)  # no view of one large table
     for k, name in enumerate(names):
         for other in names[k + 1 :]:
             assert not np.shares_memory(run[name], run[other]), (name, other)

@@ -1,0 +1,328 @@
+"""Policies as files: what is saved comes back, damage is named, nothing in a file is executed."""
+
+import json
+import os
+import pickle
+import struct
+
+import numpy as np
+import pytest
+
+from bicycle_env import files
+from bicycle_env.control import Network, load
+from bicycle_env.control.network import ACTIVATIONS, DESCRIPTION_FILE, OUTPUTS, WEIGHTS_FILE
+
+pytest.importorskip("safetensors")
+
+NAMES = [f"entry_{k}" for k in range(5)]
+
+
+def layers(seed=0, sizes=(5, 8, 6, 2), dtype=np.float32):
+    rng = np.random.default_rng(seed)
+    return [
+        (rng.normal(size=(out, width)).astype(dtype), rng.normal(size=out).astype(dtype))
+        for width, out in zip(sizes, sizes[1:], strict=False)
+    ]
+
+
+def network(seed=0, activation="tanh", output="clip", **more):
+    return Network(layers(seed), activation, output, {"env_id": "BicycleStab-v0", "observation_names": NAMES, **more})
+
+
+@pytest.fixture
+def folder(tmp_path):
+    network().save(tmp_path)
+    return tmp_path
+
+
+def rewrite(folder, **changes):
+    path = folder / DESCRIPTION_FILE
+    description = json.loads(path.read_text())
+    for key, value in changes.items():
+        if value is KeyError:
+            del description[key]
+        else:
+            description[key] = value
+    path.write_text(json.dumps(description))
+
+
+def rewrite_tensors(folder, change):
+    from safetensors.numpy import load_file, save_file
+
+    tensors = dict(load_file(folder / WEIGHTS_FILE))
+    change(tensors)
+    save_file(tensors, folder / WEIGHTS_FILE)
+
+
+# Acting
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_the_network_by_hand(activation, output):
+    policy = network(activation=activation, output=output)
+    x = np.random.default_rng(1).normal(size=5).astype(np.float32)
+    act = {"tanh": np.tanh, "relu": lambda v: v * (v > 0)}[activation]
+    (w0, b0), (w1, b1), (w2, b2) = ((w.astype(float), b.astype(float)) for w, b in layers())
+    raw = w2 @ act(w1 @ act(w0 @ x + b0) + b1) + b2
+    expected = np.tanh(raw) if output == "tanh" else np.clip(raw, -1.0, 1.0)
+    np.testing.assert_allclose(policy.act(x), expected, rtol=1e-5, atol=1e-6)
+
+
+def test_a_single_layer_is_affine():
+    policy = Network([(np.eye(2, 5) * 0.1, np.array([0.2, -0.3]))], "relu", "clip", {"observation_names": NAMES})
+    np.testing.assert_allclose(policy.act(np.array([1.0, 2.0, 3.0, 4.0, 5.0])), [0.3, -0.1], atol=1e-7)
+
+
+# There and back
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_saved_and_loaded_it_acts_to_the_bit(tmp_path, activation, output):
+    policy = network(3, activation, output, origin="seed 17", note="träge")
+    policy.save(tmp_path / "new" / "folder")
+    back = load(tmp_path / "new" / "folder")
+    x = np.random.default_rng(4).normal(size=(100, 5)).astype(np.float32)
+    assert np.array_equal(policy.act(x), back.act(x))
+    assert not np.array_equal(back.act(x), network(4, activation, output).act(x))
+    assert back.description == policy.description
+    assert back.description["note"] == "träge"
+    assert back.description["layers"] == [[8, 5], [6, 8], [2, 6]]
+    assert sorted(os.listdir(tmp_path / "new" / "folder")) == [DESCRIPTION_FILE, WEIGHTS_FILE]
+
+
+def test_saving_twice_gives_the_same_bytes(tmp_path):
+    network().save(tmp_path / "a")
+    load(tmp_path / "a").save(tmp_path / "b")
+    for name in (DESCRIPTION_FILE, WEIGHTS_FILE):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_the_path_may_be_text(folder):
+    assert load(str(folder)).description["env_id"] == "BicycleStab-v0"
+
+
+def test_loading_never_unpickles(folder, monkeypatch):
+    def refused(*_, **__):
+        raise AssertionError("unpickled")
+
+    for name in ("load", "loads", "Unpickler"):
+        monkeypatch.setattr(pickle, name, refused)
+    load(folder)
+
+
+def test_a_pickle_in_the_place_of_the_weights_is_damage_and_is_not_executed(folder, tmp_path):
+    trace = tmp_path / "executed"
+
+    class Bomb:
+        def __reduce__(self):
+            return open, (str(trace), "w")
+
+    for name in (WEIGHTS_FILE, DESCRIPTION_FILE):
+        network().save(folder)
+        (folder / name).write_bytes(pickle.dumps(Bomb()))
+        with pytest.raises(ValueError, match="damaged"):
+            load(folder)
+    assert not trace.exists()
+
+
+# Damage
+
+
+@pytest.mark.parametrize("name", [DESCRIPTION_FILE, WEIGHTS_FILE])
+def test_a_missing_file_is_named(folder, name):
+    (folder / name).unlink()
+    with pytest.raises(FileNotFoundError, match=f"no {name}"):
+        load(folder)
+
+
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        load(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, 0.95])
+@pytest.mark.parametrize("name", [DESCRIPTION_FILE, WEIGHTS_FILE])
+def test_a_truncated_file(folder, name, share):
+    content = (folder / name).read_bytes()
+    (folder / name).write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ValueError, match=f"{folder}.*damaged"):
+        load(folder)
+
+
+def test_binary_rubbish(folder):
+    (folder / DESCRIPTION_FILE).write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(ValueError, match="damaged"):
+        load(folder)
+    network().save(folder)
+    (folder / WEIGHTS_FILE).write_bytes(struct.pack("<Q", 2**60) + b"{}")
+    with pytest.raises(ValueError, match="damaged"):
+        load(folder)
+
+
+@pytest.mark.parametrize("content", ["[]", "3", "null", '"text"', "{}"])
+def test_a_description_that_is_something_else(folder, content):
+    (folder / DESCRIPTION_FILE).write_text(content)
+    with pytest.raises(ValueError, match="must have the keys format, version"):
+        load(folder)
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"version": 2}, "version 1; got .*2"),
+        ({"version": "1"}, "version 1"),
+        ({"version": None}, "version 1"),
+        ({"format": "something else"}, "format 'bicycle-env policy'.*'something else'"),
+        ({"format": KeyError}, "must have the keys"),
+        ({"layers": KeyError}, "must have the keys"),
+        ({"observation_names": KeyError}, "must have the keys"),
+        ({"activation": "gelu"}, "activation must be one of tanh, relu.*'gelu'"),
+        ({"activation": None}, "activation"),
+        ({"activation": ["tanh"]}, "activation"),
+        ({"activation": {}}, "activation"),
+        ({"output": "softmax"}, "output one of clip, tanh.*'softmax'"),
+        ({"output": []}, "output"),
+        ({"layers": []}, "layer"),
+        ({"layers": [[8, 5], [6, 8], [2, 6], [2, 2]]}, "lacks layers"),
+        ({"layers": [[8, 5]] * 4}, "lacks layers"),
+        ({"layers": 3}, "layers"),
+        ({"layers": None}, "layers"),
+        ({"observation_names": ["a", "b"]}, "layer 0.*its input has 2 entries"),
+        ({"observation_names": []}, "layer 0"),
+        ({"observation_names": 5}, "observation_names"),
+        ({"observation_names": None}, "observation_names"),
+        ({"observation_names": "abcde"}, "observation_names"),
+        ({"observation_names": [1, 2, 3, 4, 5]}, "observation_names"),
+    ],
+    ids=str,
+)
+def test_a_description_that_does_not_fit(folder, changes, match):
+    rewrite(folder, **changes)
+    with pytest.raises(ValueError, match=match):
+        load(folder)
+
+
+def test_a_description_that_announces_other_layers_than_there_are(folder):
+    """Fewer layers than the weights hold, or other shapes: not the policy that was saved."""
+    rewrite(folder, layers=[[8, 5], [6, 8]])
+    with pytest.raises(ValueError, match="layer"):
+        load(folder)
+    network().save(folder)
+    rewrite(folder, layers=[[8, 5], [6, 8], [3, 6]])
+    with pytest.raises(ValueError, match="layer"):
+        load(folder)
+
+
+def poison(value):
+    def change(tensors):
+        tensors["layer1.bias"] = tensors["layer1.bias"].copy()
+        tensors["layer1.bias"][2] = value
+
+    return change
+
+
+def transpose(tensors):
+    tensors["layer0.weight"] = np.ascontiguousarray(tensors["layer0.weight"].T)
+
+
+def shorten(tensors):
+    tensors["layer1.bias"] = tensors["layer1.bias"][:-1].copy()
+
+
+def flatten(tensors):
+    tensors["layer1.weight"] = tensors["layer1.weight"].ravel().copy()
+
+
+def rename(tensors):
+    tensors["layer9.weight"] = tensors.pop("layer1.weight")
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (poison(np.nan), "layer 1 has values that are not finite"),
+        (poison(np.inf), "layer 1 has values that are not finite"),
+        (transpose, "layer 0 has shapes"),
+        (shorten, "layer 1 has shapes"),
+        (flatten, "layer 1 has shapes"),
+        (rename, "lacks layers"),
+        (dict.clear, "lacks layers"),
+    ],
+    ids=["nan", "inf", "transposed", "short bias", "flat", "renamed", "empty"],
+)
+def test_weights_that_do_not_fit(folder, change, match):
+    rewrite_tensors(folder, change)
+    with pytest.raises(ValueError, match=match):
+        load(folder)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ((layers(), "sigmoid", "clip"), "activation"),
+        ((layers(), "tanh", "none"), "output"),
+        (([], "tanh", "clip"), "at least one layer"),
+        ((layers(sizes=(4, 2)), "tanh", "clip"), "layer 0"),
+        ((layers()[:1] + layers()[2:], "tanh", "clip"), "layer 1"),
+    ],
+)
+def test_the_constructor_refuses_the_same(arguments, match):
+    with pytest.raises(ValueError, match=match):
+        Network(*arguments, {"observation_names": NAMES})
+
+
+# Writing
+
+
+class KilledError(BaseException):
+    """Stands for a signal in the middle of a write."""
+
+
+@pytest.mark.parametrize("function", ["replace", "fsync"])
+def test_a_kill_while_writing_leaves_the_old_file(tmp_path, monkeypatch, function):
+    path = tmp_path / "file.json"
+    files.write_json(path, {"old": 1})
+
+    def killed(*_, **__):
+        raise KilledError
+
+    monkeypatch.setattr(os, function, killed)
+    with pytest.raises(KilledError):
+        files.write_json(path, {"new": 2})
+    monkeypatch.undo()
+    assert json.loads(path.read_text()) == {"old": 1}
+    assert os.listdir(tmp_path) == ["file.json"], "the temporary file is left behind"
+
+
+def test_a_kill_while_saving_leaves_a_policy_that_loads(folder, monkeypatch):
+    x = np.ones(5, np.float32)
+    before = load(folder).act(x)
+
+    def killed(*_, **__):
+        raise KilledError
+
+    monkeypatch.setattr(os, "replace", killed)
+    with pytest.raises(KilledError):
+        network(9).save(folder)
+    monkeypatch.undo()
+    assert np.array_equal(load(folder).act(x), before)
+
+
+def test_writing_makes_the_folder_and_a_file_that_others_may_read(tmp_path):
+    path = tmp_path / "a" / "b" / "file.bin"
+    files.write_bytes(path, b"one")
+    files.write_bytes(str(path), b"two")
+    assert path.read_bytes() == b"two"
+    assert path.stat().st_mode & 0o777 == 0o644
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), [1.0, -float("inf")]])
+def test_json_has_no_nan(tmp_path, bad):
+    path = tmp_path / "file.json"
+    files.write_json(path, 1)
+    with pytest.raises(ValueError, match="JSON"):
+        files.write_json(path, {"value": bad})
+    assert json.loads(path.read_text()) == 1
+    assert os.listdir(tmp_path) == ["file.json"]

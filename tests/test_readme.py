@@ -1,0 +1,50 @@
+"""The README says what is: its tables come from the results files, its code runs, its files exist."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_tables_are_those_of_the_results_files():
+    tables = runpy.run_path(str(ROOT / "tools" / "readme_tables.py"))
+    assert tables["filled"](TEXT) == TEXT, "run python tools/readme_tables.py"
+    assert len(re.findall(r"<!-- results: \w+ -->\n\|", TEXT)) >= 5
+
+
+def test_the_first_line_says_automobile():
+    assert "automobile" in TEXT.splitlines()[0]
+
+
+@pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\(((?!http)[^)#]+)\)", TEXT))))
+def test_links_and_pictures_exist(link):
+    assert (ROOT / link).is_file()
+
+
+@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL))
+def test_code_runs(block):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", block], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_commands_name_modules_that_exist():
+    for module in set(re.findall(r"python -m (agents\.\w+)", TEXT)):
+        assert (ROOT / (module.replace(".", "/") + ".py")).is_file()
+
+
+def test_make_targets_exist():
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^make ([a-z-]+)", TEXT, re.M)) | set(re.findall(r"`make ([a-z-]+)`", TEXT))
+    assert targets >= {"demo", "test"}
+    for target in targets:
+        assert re.search(rf"^{target}:", makefile, re.M), target

@@ -1,0 +1,62 @@
+"""The wheel holds bicycle_env only, and works where nothing else of the checkout is."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def run(*command: str, **keywords: object) -> str:
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=False, **keywords)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_the_wheel_installs_and_steps_elsewhere(tmp_path):
+    source = tmp_path / "source"
+    run("-c", COPY, str(ROOT), str(source))
+    run("-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path / "dist"), str(source))
+    (wheel,) = (tmp_path / "dist").glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    tops = {name.split("/")[0] for name in names}
+    assert tops == {"bicycle_env", f"{'-'.join(wheel.name.split('-')[:2])}.dist-info"}
+    assert "bicycle_env/py.typed" in names
+    assert "bicycle_env/control/lqr_weights.json" in names
+
+    site = tmp_path / "site"
+    run("-m", "pip", "install", "-q", "--no-deps", "--target", str(site), str(wheel))
+    printed = run(
+        "-c", STEP, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(site), "NUMBA_CACHE_DIR": str(tmp_path / "c")}
+    )
+    where, reward, action = printed.split()
+    assert Path(where).is_relative_to(site)
+    assert 0.0 < float(reward) <= 1.0
+    assert float(action) != 0.0
+
+
+COPY = """
+import shutil, sys
+from pathlib import Path
+root, copy = map(Path, sys.argv[1:])
+copy.mkdir()
+for name in ("pyproject.toml", "README.md", "LICENSE"):
+    shutil.copy(root / name, copy / name)
+shutil.copytree(root / "bicycle_env", copy / "bicycle_env", ignore=shutil.ignore_patterns("__pycache__"))
+shutil.copytree(root / "agents", copy / "agents", ignore=shutil.ignore_patterns("__pycache__"))
+"""
+
+STEP = """
+import gymnasium as gym
+import bicycle_env
+from bicycle_env import control
+env = gym.make("bicycle_env:BicycleStab-v0", tire="linear")
+observation, _ = env.reset(seed=0)
+action = control.make("lqr", env.unwrapped).act(observation)
+_, reward, *_ = env.step(action)
+print(bicycle_env.__file__, reward, action[0])
+"""
