@@ -1,13 +1,23 @@
 """Closed forms of Karnopp, Vehicle Stability, ch. 6: stability, balance, linear models."""
 
+from bicycle_env.analysis.inertial import (
+    InertialMatrices,
+    WheelSlips,
+    inertial_matrices,
+    inertial_state_matrix,
+    wheel_slip_angles,
+)
 from bicycle_env.analysis.stability import (
+    Modes,
     Stability,
     characteristic_polynomial,
     characteristic_speed,
+    classification,
     critical_speed,
     eigenvalues,
     input_matrix,
     is_stable,
+    modes,
     stability,
     stability_criterion,
     state_matrix,
@@ -16,20 +26,40 @@ from bicycle_env.analysis.stability import (
     tangent_speed,
     understeer_gradient,
 )
+from bicycle_env.analysis.transfer_functions import (
+    is_minimum_phase,
+    state_space,
+    transfer_function,
+    transfer_matrix,
+    zeros,
+)
 
 __all__ = [
+    "InertialMatrices",
+    "Modes",
     "Stability",
+    "WheelSlips",
     "characteristic_polynomial",
     "characteristic_speed",
+    "classification",
     "critical_speed",
     "eigenvalues",
+    "inertial_matrices",
+    "inertial_state_matrix",
     "input_matrix",
+    "is_minimum_phase",
     "is_stable",
+    "modes",
     "stability",
     "stability_criterion",
     "state_matrix",
+    "state_space",
     "static_margin",
     "steady_state_gain",
     "tangent_speed",
+    "transfer_function",
+    "transfer_matrix",
     "understeer_gradient",
+    "wheel_slip_angles",
+    "zeros",
 ]

@@ -115,6 +115,31 @@ def steady_state_gain(vehicle: Vehicle, speed: float, input: str = "front_steer"
     return float(gains[output])
 
 
+class Modes(NamedTuple):
+    """The two modes of straight running as one second-order system; see :func:`modes`."""
+
+    natural_frequency: float
+    """rad/s; NaN for an unstable car, whose modes do not oscillate."""
+    damping_ratio: float
+    """Dimensionless; above 1 the modes do not oscillate. NaN for an unstable car."""
+    time_to_double: float
+    """s; infinite for a stable car."""
+
+
+def modes(vehicle: Vehicle, speed: float) -> Modes:
+    """Natural frequency and damping from Delta(s) of (6.27). Raises as :func:`stability_criterion`."""
+    leading, damping, constant = characteristic_polynomial(vehicle, speed)
+    frequency = math.sqrt(constant / leading) if constant > 0.0 else math.nan
+    ratio = damping / (2.0 * leading * frequency) if constant > 0.0 else math.nan
+    return Modes(frequency, ratio, stability(vehicle, speed).time_to_double)
+
+
+def classification(vehicle: Vehicle) -> str:
+    """The words "understeer" (6.15), "oversteer" (6.16) or "neutral"."""
+    balance = _balance(vehicle)
+    return "understeer" if balance > 0.0 else "oversteer" if balance < 0.0 else "neutral"
+
+
 class Stability(NamedTuple):
     """``env.unwrapped.stability``: straight running without steering."""
 

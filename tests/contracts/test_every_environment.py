@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import bicycle_env  # noqa: F401  (registers the environments)
+import bicycle_env
 from bicycle_env import tires
 from bicycle_env.registration import ENVIRONMENTS
 

@@ -1,5 +1,6 @@
 """Gains of the regulators, against the equations that define them and against brute force."""
 
+import itertools
 import math
 
 import gymnasium as gym
@@ -68,7 +69,7 @@ def test_the_discrete_gain_tends_to_the_continuous_one():
         K, _ = discrete_gain(A, B, Q * timestep, R * timestep)
         errors.append(np.max(np.abs(K - limit)) / np.max(np.abs(limit)))
     assert errors[-1] < 0.05
-    for coarse, fine in zip(errors, errors[1:], strict=False):
+    for coarse, fine in itertools.pairwise(errors):
         assert 1.7 < coarse / fine < 2.3, "first order in the timestep"
 
 
@@ -132,7 +133,7 @@ def test_the_preview_gain_is_the_one_of_brute_force(steer, horizon):
 
 
 def test_the_preview_gain_of_a_scalar_plant_by_hand():
-    """x+ = x + u, cost (x - w)^2 + u^2: P = (1 + sqrt 5)/2, K = P/(1 + P) = 1/P, each step ahead weighs 1/P^2 as much."""
+    """x+ = x + u, cost (x - w)^2 + u^2: P = (1 + sqrt 5)/2, K = P/(1 + P) = 1/P; a step ahead weighs 1 - K as much."""
     golden = (1.0 + math.sqrt(5.0)) / 2.0
     one = np.eye(1)
     horizon = 6

@@ -14,8 +14,8 @@ def network(env, axles):
     rng = np.random.default_rng(0)
     width = len(env.observation_names)
     layers = [
-        (rng.normal(size=(16, width)).astype(np.float32), rng.normal(size=16).astype(np.float32)),
-        (rng.normal(size=(axles, 16)).astype(np.float32), rng.normal(size=axles).astype(np.float32)),
+        ((0.1 * rng.normal(size=(16, width))).astype(np.float32), rng.normal(size=16).astype(np.float32)),
+        ((0.1 * rng.normal(size=(axles, 16))).astype(np.float32), np.zeros(axles, np.float32)),
     ]
     return control.Network(layers, "tanh", "clip", {"env_id": "x", "observation_names": list(env.observation_names)})
 

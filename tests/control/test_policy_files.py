@@ -1,5 +1,6 @@
 """Policies as files: what is saved comes back, damage is named, nothing in a file is executed."""
 
+import itertools
 import json
 import os
 import pickle
@@ -21,7 +22,7 @@ def layers(seed=0, sizes=(5, 8, 6, 2), dtype=np.float32):
     rng = np.random.default_rng(seed)
     return [
         (rng.normal(size=(out, width)).astype(dtype), rng.normal(size=out).astype(dtype))
-        for width, out in zip(sizes, sizes[1:], strict=False)
+        for width, out in itertools.pairwise(sizes)
     ]
 
 

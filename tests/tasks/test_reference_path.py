@@ -6,6 +6,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import bicycle_env  # noqa: F401  (registers the environments)
+
 ID = "BicycleLaneChange-v0"
 LANE = 3.5
 BEGIN = 1.0  # s

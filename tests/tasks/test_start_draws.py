@@ -6,6 +6,8 @@ import pytest
 from gymnasium.utils import seeding
 from scipy import stats
 
+import bicycle_env  # noqa: F401  (registers the environments)
+
 DRAWS = 4000
 
 
