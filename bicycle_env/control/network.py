@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +21,7 @@ VERSION = 1
 
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}
 OUTPUTS: dict[str, Callable[[Any], Any]] = {"clip": lambda x: np.clip(x, -1.0, 1.0), "tanh": np.tanh}
-REQUIRED = ("format", "version", "env_id", "observation_names", "activation", "output", "layers")
+REQUIRED = ("format", "version", "env_id", "observation_names", "activation", "output", "layers", "weights_sha256")
 
 
 class Network(Policy):
@@ -41,12 +42,15 @@ class Network(Policy):
     def __init__(
         self, layers: list[tuple[Array, Array]], activation: str, output: str, description: dict[str, Any]
     ) -> None:
-        if activation not in ACTIVATIONS or output not in OUTPUTS:
+        if activation not in list(ACTIVATIONS) or output not in list(OUTPUTS):
             raise ValueError(
                 f"activation must be one of {', '.join(ACTIVATIONS)} and output one of {', '.join(OUTPUTS)}, "
                 f"got {activation!r} and {output!r}"
             )
-        width = len(description["observation_names"])
+        names = description["observation_names"]
+        if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+            raise ValueError(f"observation_names must be a list of names, got {names!r}")
+        width = len(names)
         if not layers:
             raise ValueError("a policy needs at least one layer")
         for k, (weight, bias) in enumerate(layers):
@@ -79,8 +83,9 @@ class Network(Policy):
         for k, (weight, bias) in enumerate(self._layers):
             tensors[f"layer{k}.weight"] = np.ascontiguousarray(weight.T, np.float32)
             tensors[f"layer{k}.bias"] = np.ascontiguousarray(bias, np.float32)
-        write_bytes(Path(folder) / WEIGHTS_FILE, _safetensors().save(tensors))
-        write_json(Path(folder) / DESCRIPTION_FILE, self.description)
+        content = _safetensors().save(tensors)
+        write_bytes(Path(folder) / WEIGHTS_FILE, content)
+        write_json(Path(folder) / DESCRIPTION_FILE, {**self.description, "weights_sha256": _sha256(content)})
 
 
 def load(folder: str | Path) -> Network:
@@ -96,7 +101,8 @@ def load(folder: str | Path) -> Network:
             raise FileNotFoundError(f"{folder} is not a policy folder: it has no {name}")
     try:
         description = json.loads((folder / DESCRIPTION_FILE).read_text(encoding="utf-8"))
-        tensors = _safetensors().load((folder / WEIGHTS_FILE).read_bytes())
+        content = (folder / WEIGHTS_FILE).read_bytes()
+        tensors = _safetensors().load(content)
     except ModuleNotFoundError:
         raise
     except Exception as error:
@@ -108,11 +114,20 @@ def load(folder: str | Path) -> Network:
             f"{folder / DESCRIPTION_FILE} must be format {FORMAT!r}, version {VERSION}; "
             f"got {description['format']!r}, {description['version']!r}"
         )
+    if description["weights_sha256"] != _sha256(content):
+        raise ValueError(f"{folder / WEIGHTS_FILE} does not belong to the {DESCRIPTION_FILE} beside it")
+    shapes = description["layers"]
     try:
-        layers = [(tensors[f"layer{k}.weight"], tensors[f"layer{k}.bias"]) for k in range(len(description["layers"]))]
+        layers = [(tensors[f"layer{k}.weight"], tensors[f"layer{k}.bias"]) for k in range(len(shapes))]
     except (KeyError, TypeError):
         raise ValueError(f"{folder / WEIGHTS_FILE} lacks layers that {DESCRIPTION_FILE} announces") from None
+    if [list(weight.shape) for weight, _ in layers] != shapes or len(tensors) != 2 * len(layers):
+        raise ValueError(f"{folder / WEIGHTS_FILE} has other layers than {DESCRIPTION_FILE} announces: {shapes!r}")
     return Network(layers, description["activation"], description["output"], description)
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _safetensors() -> Any:

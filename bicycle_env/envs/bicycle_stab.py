@@ -57,7 +57,7 @@ class BicycleStabEnv(SingleTrackEnv):
 
     ## Starting state
 
-    Uniform and independent: lateral_position in +-0.4 m, course (heading + sideslip) in +-0.02 rad, sideslip in
+    Uniform and independent: lateral_position in +-0.3 m, course (heading + sideslip) in +-0.01 rad, sideslip in
     +-0.3 rad, yaw_rate in +-0.8 rad/s. heading = course - sideslip, lateral_velocity = sideslip x speed; the rest is 0.
 
     ## Episode end

@@ -21,6 +21,7 @@ from bicycle_env.physics import compiled
 from bicycle_env.physics.compiled import NUMBA
 from bicycle_env.physics.single_track import Axles, Car, CarState, axles
 from bicycle_env.physics.tires import Tire
+from bicycle_env.tasks.ends import corner_outside
 from bicycle_env.tasks.task import Memory, Reference, Rules, Task, World
 from bicycle_env.tasks.transition import transition
 
@@ -42,10 +43,10 @@ _observation = numba.float32[::1]
 class Kernels(NamedTuple):
     """The compiled functions of one combination."""
 
-    start: Callable[[Row, Any, Row], None]
-    """``start(memory, observation, uniforms)``."""
-    look: Callable[[Row, Any], None]
-    """``look(memory, observation)``: the observation of the episode as it is."""
+    start: Callable[[Row, Any, Row], float]
+    """``start(memory, observation, uniforms) -> cost``."""
+    look: Callable[[Row, Any], float]
+    """``look(memory, observation) -> cost``: the observation of the episode as it is."""
     step: Callable[[Row, Any, float, float], tuple[float, int, float]]
     """``step(memory, observation, front, rear) -> (reward, end, cost)``; front and rear are actions."""
     measure: Callable[[Row, Row], None]
@@ -143,23 +144,33 @@ def _access(task_class: type[Task]) -> _Access:
 def _beginning(task_class: type[Task]) -> tuple[Any, Any]:
     """``start`` and ``look``, the same for every tire, geometry and reward."""
     access = _access(task_class)
-    start_law = NUMBA.function(task_class().start(NUMBA))
+    task = task_class()
+    start_law = NUMBA.function(task.start(NUMBA))
+    reference_law = NUMBA.function(task.reference(NUMBA))
+    cost_law = NUMBA.function(corner_outside(NUMBA))
 
-    def start(memory: Any, observation: Any, uniforms: Any) -> None:
+    @NUMBA.function
+    def look(memory: Any, observation: Any) -> float:
+        world, state, kept = access.world(memory), access.state(memory), access.kept(memory)
+        access.write(state, kept, world, memory, observation)
+        cost: float = cost_law(state, reference_law(state, kept.route, world), world)
+        return cost
+
+    def start(memory: Any, observation: Any, uniforms: Any) -> float:
         world = access.world(memory)
         state, route = start_law(uniforms, world)
         zero = 0.0 * uniforms[0]
         kept = Memory(zero, zero, zero, zero, route)
         access.keep(state, kept, memory)
         access.keep_route(route, memory)
-        access.write(state, kept, world, memory, observation)
+        return look(memory, observation)
 
-    def look(memory: Any, observation: Any) -> None:
-        access.write(access.state(memory), access.kept(memory), access.world(memory), memory, observation)
+    def just_look(memory: Any, observation: Any) -> float:
+        return look(memory, observation)
 
     return (
-        compiled.entry_point(start, numba.void(_row, _observation, _row)),
-        compiled.entry_point(look, numba.void(_row, _observation)),
+        compiled.entry_point(start, numba.float64(_row, _observation, _row)),
+        compiled.entry_point(just_look, numba.float64(_row, _observation)),
     )
 
 

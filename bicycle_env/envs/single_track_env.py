@@ -22,7 +22,7 @@ from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.simulate import resolve_geometry
 from bicycle_env.physics.single_track import Axles, car_on_road
-from bicycle_env.physics.validation import choice, flag, known_keys, positive, whole
+from bicycle_env.physics.validation import checked_speed, choice, flag, known_keys, number, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.rewards import REWARDS
 from bicycle_env.tasks.task import SETTLED_SECONDS, Task, checked_state
@@ -30,6 +30,8 @@ from bicycle_env.tasks.task import SETTLED_SECONDS, Task, checked_state
 STEER_MODES = ("front", "rear", "both")
 RENDER_MODES = ("human", "rgb_array")
 DEFAULT_SPEED_RATIO = 1.2
+LONGEST_TIMESTEP = 10.0  # s
+MOST_SUBSTEPS = 10_000
 FLOAT32 = np.dtype(np.float32)
 
 
@@ -83,7 +85,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = None if render_mode is None else choice("render_mode", render_mode, RENDER_MODES)
         self.front_actuator = _actuator("front_actuator", front_actuator)
         self.rear_actuator = _actuator("rear_actuator", rear_actuator)
-        self.control_timestep = positive("control_timestep", control_timestep)
+        self.control_timestep = number("control_timestep", control_timestep, high=LONGEST_TIMESTEP, above=0.0)
         self.physics_timestep = positive("physics_timestep", physics_timestep)
         lags = (1.0 / self.front_actuator.time_constant, 1.0 / self.rear_actuator.time_constant)
         check_timestep("physics_timestep", self.physics_timestep, max(fastest_rate(self.vehicle, self.speed), *lags))
@@ -153,20 +155,20 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.task.route_with(self.task.Route(*([0.0] * len(self.task.Route._fields))), given, self.speed)
         super().reset(seed=seed)
         observation = np.empty(self._observation_size, np.float32)
-        self._kernels.start(self._memory, observation, self.np_random.random(self.task.uniforms))
+        cost = self._kernels.start(self._memory, observation, self.np_random.random(self.task.uniforms))
         if given:
             if state is not None:
                 self._episode[: kernels.STEPS] = [state[name] for name in self.task.State._fields[: kernels.STEPS]]
             route = self.task.Route(*self._episode[kernels.MEMORY :])
             self._episode[kernels.MEMORY :] = self.task.route_with(route, given, self.speed)
-            self._kernels.look(self._memory, observation)
+            cost = self._kernels.look(self._memory, observation)
         self._end_code = 0
         self._warned = False
         if self._viewer is not None:
             self._viewer.start()
         if self.render_mode == "human":
             self.render()
-        return observation, self._info(0.0)
+        return observation, self._info(cost)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Hold an action for one control step; finite values outside [-1, 1] saturate.
@@ -228,7 +230,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     @property
     def is_success(self) -> bool:
         """Whether the car is running and has been settled for the last second: at a time-out, a success."""
-        needed = round(SETTLED_SECONDS / self.control_timestep)
+        needed = math.ceil(SETTLED_SECONDS / self.control_timestep - 1e-9)
         return self._end_code == 0 and bool(self._memory[kernels.SETTLED] >= needed)
 
     @property
@@ -275,14 +277,11 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._episode[:] = snapshot.episode
         self._end_code = snapshot.end
         self.np_random.bit_generator.state = snapshot.generator
-        return self._look()
-
-    # Inner workings
-
-    def _look(self) -> NDArray[np.float32]:
         observation = np.empty(self._observation_size, FLOAT32)
         self._kernels.look(self._memory, observation)
         return observation
+
+    # Inner workings
 
     def _info(self, cost: float) -> dict[str, Any]:
         info: dict[str, Any] = {"end": self.end, "cost": cost}
@@ -314,7 +313,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise ValueError(
                 f"action must have shape {shape} (steer={self.steer!r}), got shape {converted.shape}: {action!r}"
             )
-        return converted
+        return converted.astype(np.float64)
 
     def _after_the_end(self) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         if self._end_code == kernels.BAD_ACTION:
@@ -322,7 +321,9 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not self._warned:
             self._warned = True
             logger.warn("step() after the episode has ended: the car stays where it is; call reset()")
-        return self._look(), 0.0, True, False, self._info(0.0)
+        observation = np.empty(self._observation_size, FLOAT32)
+        cost = self._kernels.look(self._memory, observation)
+        return observation, 0.0, True, False, self._info(cost)
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions do not pickle and windows do not copy: both are made anew.
@@ -355,14 +356,14 @@ def resolve_speed(vehicle: Vehicle, speed: float | None, speed_ratio: float | No
     if speed is not None and speed_ratio is not None:
         raise ValueError(f"give speed or speed_ratio, not both; got {speed!r} and {speed_ratio!r}")
     if speed is not None:
-        return positive("speed", speed)
+        return checked_speed(speed)
     ratio = positive("speed_ratio", DEFAULT_SPEED_RATIO if speed_ratio is None else speed_ratio)
     if math.isinf(vehicle.critical_speed):
         raise ValueError(
             f"speed_ratio must not be used (got {ratio:g}{' by default' if speed_ratio is None else ''}): this vehicle "
             "does not oversteer and has no critical speed; give speed in m/s"
         )
-    return ratio * vehicle.critical_speed
+    return checked_speed(ratio * vehicle.critical_speed, "speed_ratio x critical speed")
 
 
 def _actuator(name: str, value: object) -> Actuator:
@@ -372,7 +373,13 @@ def _actuator(name: str, value: object) -> Actuator:
 
 
 def _substeps(control_timestep: float, physics_timestep: float) -> int:
-    substeps = round(control_timestep / physics_timestep)
+    ratio = control_timestep / physics_timestep
+    if ratio > MOST_SUBSTEPS:
+        raise ValueError(
+            f"physics_timestep must be >= control_timestep / {MOST_SUBSTEPS} = {control_timestep / MOST_SUBSTEPS:g} s, "
+            f"got {physics_timestep:g}"
+        )
+    substeps = round(ratio)
     if substeps < 1 or abs(substeps * physics_timestep - control_timestep) > 1e-9 * control_timestep:
         raise ValueError(
             f"physics_timestep must divide control_timestep = {control_timestep:g} s, got {physics_timestep:g}"

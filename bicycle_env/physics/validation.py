@@ -47,12 +47,17 @@ def positive_or_infinite(name: str, value: object) -> float:
     return positive(name, value)
 
 
-def whole(name: str, value: object, low: int = 1) -> int:
-    """A whole number >= low."""
+def checked_speed(value: object, name: str = "speed") -> float:
+    """A forward speed that the equations can be integrated at: in [0.1, 1000] m/s."""
+    return number(name, value, 0.1, 1000.0)
+
+
+def whole(name: str, value: object, low: int = 1, high: int = 10**9) -> int:
+    """A whole number in [low, high]."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
-        raise TypeError(f"{name} must be a whole number >= {low}, got {value!r}")
-    if value < low:
-        raise ValueError(f"{name} must be a whole number >= {low}, got {value!r}")
+        raise TypeError(f"{name} must be a whole number in [{low}, {high}], got {value!r}")
+    if not low <= int(value) <= high:
+        raise ValueError(f"{name} must be a whole number in [{low}, {high}], got {str(value)[:30]}")
     return int(value)
 
 

@@ -90,10 +90,10 @@ class LaneChange(Task):
         self.lane_width = positive("lane_width", lane_width)
         preview_length = number("preview_length", preview_length, 0.0)
         preview_spacing = positive("preview_spacing", preview_spacing)
-        points = int(preview_length / preview_spacing + 1e-9)
+        points = preview_length / preview_spacing + 1e-9
         if points > PREVIEW_POINTS_LIMIT:
-            raise ValueError(f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT} points, got {points}")
-        self.preview_times = tuple(preview_spacing * (k + 1) for k in range(points))
+            raise ValueError(f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT}, got {points:g}")
+        self.preview_times = tuple(preview_spacing * (k + 1) for k in range(int(points)))
 
     def settings(self, speed: float) -> Path:
         early, late = (0.5, 1.5) if self.change_start is None else (self.change_start, self.change_start)

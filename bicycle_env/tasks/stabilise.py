@@ -51,7 +51,7 @@ class Stabilise(Task):
     left_name = "left_lane"
 
     def settings(self, speed: float) -> StartBox:
-        return StartBox(lateral_position=0.4, course=0.02, sideslip=0.3, yaw_rate=0.8)
+        return StartBox(lateral_position=0.3, course=0.01, sideslip=0.3, yaw_rate=0.8)
 
     def rules(self, **shared: float) -> Rules:
         return Rules(
