@@ -48,7 +48,7 @@ class Network(Policy):
                 f"got {activation!r} and {output!r}"
             )
         names = description["observation_names"]
-        if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise ValueError(f"observation_names must be a list of names, got {names!r}")
         width = len(names)
         if not layers:
@@ -114,7 +114,7 @@ def load(folder: str | Path) -> Network:
             f"{folder / DESCRIPTION_FILE} must be format {FORMAT!r}, version {VERSION}; "
             f"got {description['format']!r}, {description['version']!r}"
         )
-    if description["weights_sha256"] != _sha256(content):
+    if description.pop("weights_sha256") != _sha256(content):
         raise ValueError(f"{folder / WEIGHTS_FILE} does not belong to the {DESCRIPTION_FILE} beside it")
     shapes = description["layers"]
     try:

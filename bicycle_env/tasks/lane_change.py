@@ -91,7 +91,7 @@ class LaneChange(Task):
         preview_length = number("preview_length", preview_length, 0.0)
         preview_spacing = positive("preview_spacing", preview_spacing)
         points = preview_length / preview_spacing + 1e-9
-        if points > PREVIEW_POINTS_LIMIT:
+        if points >= PREVIEW_POINTS_LIMIT + 1:
             raise ValueError(f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT}, got {points:g}")
         self.preview_times = tuple(preview_spacing * (k + 1) for k in range(int(points)))
 

@@ -1,5 +1,6 @@
 """Policies as files: what is saved comes back, damage is named, nothing in a file is executed."""
 
+import hashlib
 import itertools
 import json
 import os
@@ -53,6 +54,7 @@ def rewrite_tensors(folder, change):
     tensors = dict(load_file(folder / WEIGHTS_FILE))
     change(tensors)
     save_file(tensors, folder / WEIGHTS_FILE)
+    rewrite(folder, weights_sha256=hashlib.sha256((folder / WEIGHTS_FILE).read_bytes()).hexdigest())
 
 
 # Acting
@@ -98,6 +100,13 @@ def test_saving_twice_gives_the_same_bytes(tmp_path):
     load(tmp_path / "a").save(tmp_path / "b")
     for name in (DESCRIPTION_FILE, WEIGHTS_FILE):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_weights_of_another_save_are_refused(folder, tmp_path):
+    network(7).save(tmp_path / "other")
+    (folder / WEIGHTS_FILE).write_bytes((tmp_path / "other" / WEIGHTS_FILE).read_bytes())
+    with pytest.raises(ValueError, match="does not belong"):
+        load(folder)
 
 
 def test_the_path_may_be_text(folder):
@@ -245,9 +254,9 @@ def rename(tensors):
     [
         (poison(np.nan), "layer 1 has values that are not finite"),
         (poison(np.inf), "layer 1 has values that are not finite"),
-        (transpose, "layer 0 has shapes"),
+        (transpose, "other layers"),
         (shorten, "layer 1 has shapes"),
-        (flatten, "layer 1 has shapes"),
+        (flatten, "other layers"),
         (rename, "lacks layers"),
         (dict.clear, "lacks layers"),
     ],
