@@ -20,12 +20,12 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress
 
-from agents import messages, pictures, provenance, settings
+from agents import messages, pictures, settings
 from agents.episodes import evaluate, summarise
 from agents.evaluate import COLUMNS, MORE_COLUMNS, console_for_tables, make_env, table
 from agents.messages import UserError
 from agents.statistics import bootstrap, iqm
-from bicycle_env import control
+from bicycle_env import control, provenance
 from bicycle_env.files import write_json
 
 CONTROLLERS = ("lqr", "zero")

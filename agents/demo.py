@@ -17,10 +17,10 @@ import tyro
 from rich.console import Console
 from rich.progress import track
 
-from agents import messages, provenance, train
+from agents import messages, train
 from agents.episodes import Episode, evaluate, start_seeds, summarise
 from agents.evaluate import console_for_tables, make_env, table
-from bicycle_env import control
+from bicycle_env import control, provenance
 from bicycle_env.files import write_json
 
 ENV_ID = "BicycleStab-v0"

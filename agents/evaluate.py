@@ -20,10 +20,10 @@ from rich.table import Table
 from rich.text import Text
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import messages, provenance
+from agents import messages
 from agents.episodes import evaluate, summarise
 from agents.messages import UserError
-from bicycle_env import control
+from bicycle_env import control, provenance
 from bicycle_env.files import write_json
 
 

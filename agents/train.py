@@ -31,9 +31,10 @@ from stable_baselines3.common.utils import safe_mean
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import export, messages, provenance, settings
+from agents import export, messages, settings
 from agents.evaluate import make_env, parse_keywords
 from agents.messages import UserError
+from bicycle_env import provenance
 from bicycle_env.files import write_bytes, write_json
 from bicycle_env.wrappers import RecordSuccess
 

@@ -20,10 +20,10 @@ from rich.console import Console
 from rich.progress import Progress
 
 import bicycle_env
-from agents import messages, provenance
+from agents import messages
 from agents.episodes import start_seeds
 from agents.evaluate import make_env
-from bicycle_env import control
+from bicycle_env import control, provenance
 from bicycle_env.files import write_json
 
 ENV_IDS = ("BicycleStab-v0", "BicycleLaneChange-v0")

@@ -19,7 +19,7 @@ import gymnasium as gym
 import numpy as np
 
 import bicycle_env
-from agents import provenance
+from bicycle_env import provenance
 
 PEERS = {"lane-keeping-v0": 50.0, "CartPole-v1": 1.5}
 OURS = ("BicycleStab-v0", "BicycleLaneChange-v0")

@@ -23,11 +23,23 @@ class Row(NamedTuple):
 
 
 BELOW_ENVS = {"tasks", "analysis", "physics"}
-EVERYTHING = {*BELOW_ENVS, "control", "envs", "wrappers", "rendering", "registration", "files", "plots", "root"}
+EVERYTHING = {
+    *BELOW_ENVS,
+    "control",
+    "envs",
+    "wrappers",
+    "rendering",
+    "registration",
+    "files",
+    "provenance",
+    "plots",
+    "root",
+}
 
 ROWS = {
     "physics": Row(set(), {"numpy", "numba"}),
     "files": Row(set(), set()),
+    "provenance": Row(set(), set()),
     "analysis": Row({"physics"}, {"numpy", "scipy"}, lazy_packages={"control"}),
     "tasks": Row({"analysis", "physics"}, {"numpy"}),
     "control": Row({*BELOW_ENVS, "files"}, {"numpy", "scipy", "numba"}, lazy_packages={"safetensors"}),
