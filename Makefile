@@ -11,7 +11,7 @@ help:
 	@echo "make demo                train, compare with LQR, draw: results/demo.json and results/demo/*.png"
 	@echo "make test                install what the tests need and run them"
 	@echo "make lint                ruff and mypy"
-	@echo "make lane-change         learn the lane change with five seeds: results/lane_change.json (6 minutes)"
+	@echo "make lane-change         learn the lane change with five seeds: results/BicycleLaneChange-v0-ppo.json (6 minutes)"
 	@echo "make benchmark           speed beside CartPole and highway-env: results/single_env.json"
 	@echo "make gymnasium-versions  contract checks on gymnasium $(GYMNASIUM_VERSIONS)"
 
@@ -36,7 +36,7 @@ lint: $(VENV)/.installed-test
 	$(BIN)/python -m mypy
 
 lane-change: $(VENV)/.installed-demo
-	$(BIN)/python -m agents.lane_change
+	$(BIN)/python -m agents.benchmark --env-id BicycleLaneChange-v0 --median-of-lqr 0.8 --worst-of-lqr 0.5
 
 benchmark: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/single_env.py --json results/single_env.json

@@ -102,7 +102,7 @@ def aggregate(seeds: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> int:
-    args = tyro.cli(Args, description=__doc__)
+    args = tyro.cli(Args, prog="python -m agents.benchmark", description=__doc__)
     if args.seeds < 1 or args.jobs < 1:
         raise UserError(f"--seeds and --jobs must be at least 1, got {args.seeds} and {args.jobs}")
     console = console_for_tables()

@@ -54,7 +54,7 @@ def interesting_start(driven: dict[str, list[Episode]], seed: int) -> int:
 def main() -> int:
     from agents import pictures
 
-    args = tyro.cli(Args, description=__doc__)
+    args = tyro.cli(Args, prog="python -m agents.demo", description=__doc__)
     console = console_for_tables()
     begin = time.perf_counter()
     folder = Path("runs") / time.strftime("demo-%Y%m%d-%H%M%S")

@@ -131,7 +131,7 @@ def console_for_tables() -> Console:
 
 
 def main() -> None:
-    args = tyro.cli(Args, description=__doc__)
+    args = tyro.cli(Args, prog="python -m agents.evaluate", description=__doc__)
     if args.episodes < 1:
         raise UserError(f"--episodes must be at least 1, got {args.episodes}")
     if args.seed < 0:

@@ -271,7 +271,7 @@ def _summary(console: Console, args: Args, folder: Path, model: BaseAlgorithm, s
 
 
 def main() -> None:
-    train(tyro.cli(Args, description=__doc__), Console())
+    train(tyro.cli(Args, prog="python -m agents.train", description=__doc__), Console())
 
 
 if __name__ == "__main__":

@@ -94,7 +94,7 @@ def tune(env_id: str, args: Args, bar: Progress) -> dict[str, Any]:
 
 
 def main() -> None:
-    args = tyro.cli(Args, description=__doc__)
+    args = tyro.cli(Args, prog="python -m agents.tune_lqr", description=__doc__)
     console = Console()
     found: dict[str, Any] = {
         "command": f"python -m agents.tune_lqr --episodes {args.episodes} --generations {args.generations} "

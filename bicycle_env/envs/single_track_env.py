@@ -90,7 +90,7 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         lags = (1.0 / self.front_actuator.time_constant, 1.0 / self.rear_actuator.time_constant)
         check_timestep("physics_timestep", self.physics_timestep, max(fastest_rate(self.vehicle, self.speed), *lags))
         self.substeps = _substeps(self.control_timestep, self.physics_timestep)
-        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.control_timestep)}
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.control_timestep))}
 
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
         self.observation_entries = self.task.entries(self.speed, *limits)

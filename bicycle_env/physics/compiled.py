@@ -44,7 +44,12 @@ NUMBA: elementary.Namespace = elementary.namespace("numba", _choose, np.floor, i
 
 
 def entry_point(function: Callable[..., Any], signature: Any) -> Callable[..., Any]:
-    """Compile a function for one signature, or load it from the cache on disk; see :func:`progress`."""
+    """Compile a function for one signature, or load it from the cache on disk; see :func:`progress`.
+
+    Raises RuntimeError where NUMBA_DISABLE_JIT is set: the entry points use what only compiled code can.
+    """
+    if numba.config.DISABLE_JIT:
+        raise RuntimeError("bicycle_env needs numba's compiler, and NUMBA_DISABLE_JIT is set: unset it")
     content = digest(function)
     # One file per content: two processes that compile different variants never write the same file.
     function.__qualname__ = f"{function.__name__}-{content[:20]}"
