@@ -88,6 +88,7 @@ def tune(env_id: str, args: Args, bar: Progress) -> dict[str, Any]:
     result = scipy.optimize.differential_evolution(
         loss, [BOUNDS[name] for name in free], maxiter=args.generations, popsize=8, polish=False, rng=args.seed
     )
+    bar.update(job, completed=(args.generations + 1) * population)
     best = control.Weights(*(float(f"{value:.4g}") for value in weights(result.x)))
     success, reward = score(env, control.LQR(env.unwrapped, best), starts)
     return {"weights": best._asdict(), "success_rate": success, "reward_per_step": round(reward, 5)}
