@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from agents import messages, pictures, settings
-from agents.episodes import evaluate, summarise
+from agents.episodes import evaluate, hardest_saved, summarise
 from agents.evaluate import COLUMNS, MORE_COLUMNS, console_for_tables, make_env, table
 from agents.messages import UserError
 from agents.statistics import bootstrap, iqm
@@ -113,13 +113,14 @@ def main() -> int:
 
     env = make_env(args.env_id, {"telemetry": True})
     plant: Any = env.unwrapped
-    controllers = {
-        name: summarise(evaluate(env, control.make(name, plant), args.episodes, args.evaluation_seed))
-        for name in CONTROLLERS
+    by_hand = {
+        name: evaluate(env, control.make(name, plant), args.episodes, args.evaluation_seed) for name in CONTROLLERS
     }
-    seeds, trainings = [], []
+    controllers = {name: summarise(driven) for name, driven in by_hand.items()}
+    learned = [evaluate(env, control.load(place), args.episodes, args.evaluation_seed) for place in folders]
+    seeds = [summarise(driven) for driven in learned]
+    trainings = []
     for place in folders:
-        seeds.append(summarise(evaluate(env, control.load(place), args.episodes, args.evaluation_seed)))
         run = json.loads((place / "run.json").read_text(encoding="utf-8"))
         trainings.append({key: run[key] for key in ("seed", "timesteps", "seconds")})
     whole = aggregate(seeds)
@@ -154,9 +155,10 @@ def main() -> int:
         {name: row["success_rate"]["value"] for name, row in controllers.items()},
         curves,
     )
-    median = folders[int(np.argsort(shares)[len(shares) // 2])]
-    drivers = {"zero": control.make("zero", plant), "lqr": control.make("lqr", plant), "learned": control.load(median)}
-    pictures.drive(env, drivers, args.evaluation_seed, drive)
+    median = int(np.argsort(shares)[len(shares) // 2])
+    drivers = {name: control.make(name, plant) for name in reversed(CONTROLLERS)}
+    start = hardest_saved(by_hand["lqr"], learned[median], args.evaluation_seed)
+    pictures.drive(env, {**drivers, "learned": control.load(folders[median])}, start, drive)
     slowest = max(training["seconds"] for training in trainings)
     of_lqr = [share / lqr if lqr else float("nan") for share in (float(np.median(shares)), min(shares))]
     console.print(

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import track
 
 from agents import messages, train
-from agents.episodes import Episode, evaluate, start_seeds, summarise
+from agents.episodes import evaluate, hardest_saved, summarise
 from agents.evaluate import console_for_tables, make_env, table
 from bicycle_env import control, provenance
 from bicycle_env.files import write_json
@@ -42,13 +42,6 @@ class Args:
     """Training steps; by default as agents/configs says."""
     out: Path = Path("results")
     """Where demo.json and the folder demo/ with the pictures go."""
-
-
-def interesting_start(driven: dict[str, list[Episode]], seed: int) -> int:
-    """The hardest start (by LQR's peak sideslip) that both LQR and the learned policy save."""
-    seeds = start_seeds(len(driven["lqr"]), seed)
-    both = [k for k in range(len(seeds)) if driven["lqr"][k].success and driven["learned"][k].success]
-    return seeds[max(both, key=lambda k: driven["lqr"][k].peak_sideslip)] if both else seeds[0]
 
 
 def main() -> int:
@@ -82,7 +75,7 @@ def main() -> int:
 
     console.print("\n3/3  drawing")
     place = args.out / "demo"
-    start = interesting_start(driven, args.evaluation_seed)
+    start = hardest_saved(driven["lqr"], driven["learned"], args.evaluation_seed)
     shares = {name: row["success_rate"]["value"] for name, row in rows.items()}
     pictures.drive(env, policies, start, place / "drive.png")
     pictures.saved_starts(env, driven, args.evaluation_seed, place / "starts.png")

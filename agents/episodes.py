@@ -97,6 +97,13 @@ def evaluate(
     return driven
 
 
+def hardest_saved(first: list[Episode], second: list[Episode], seed: int) -> int:
+    """Of an evaluation's starts that two policies both save, the one with the first's largest sideslip."""
+    seeds = start_seeds(len(first), seed)
+    both = [k for k in range(len(seeds)) if first[k].success and second[k].success]
+    return seeds[max(both, key=lambda k: first[k].peak_sideslip)] if both else seeds[0]
+
+
 def summarise(driven: list[Episode]) -> dict[str, Any]:
     """Means with 95 % intervals: Wilson for the success rate, bootstrap for the rest."""
     wins = sum(episode.success for episode in driven)

@@ -95,14 +95,6 @@ def stab_ppo() -> str:
     return learning("BicycleStab-v0-ppo.json", STAB)
 
 
-def stab_sac() -> str:
-    return learning("BicycleStab-v0-sac.json", STAB)
-
-
-def stab_td3() -> str:
-    return learning("BicycleStab-v0-td3.json", STAB)
-
-
 def lane_change_ppo() -> str:
     return learning("BicycleLaneChange-v0-ppo.json", LANE_CHANGE)
 
@@ -117,7 +109,7 @@ def speed() -> str:
     )
 
 
-TABLES = {function.__name__: function for function in (demo, stab_ppo, stab_sac, stab_td3, lane_change_ppo, speed)}
+TABLES = {function.__name__: function for function in (demo, stab_ppo, lane_change_ppo, speed)}
 
 
 def filled(text: str) -> str:
