@@ -109,7 +109,7 @@ def table(title: str, rows: dict[str, dict[str, Any]]) -> Table:
     """Rows of figures with intervals as a table for people: each cell the value, and below it the interval."""
     shown = [column for column in COLUMNS + MORE_COLUMNS if any(column[0] in row for row in rows.values())]
     result = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    result.add_column("policy")
+    result.add_column("policy", no_wrap=True)
     for _, heading, _, _ in shown:
         result.add_column(Text(heading), justify="right", no_wrap=True)  # Text: "[deg]" is no markup
     for name, row in rows.items():
@@ -127,7 +127,7 @@ def table(title: str, rows: dict[str, dict[str, Any]]) -> Table:
 def console_for_tables() -> Console:
     """Standard output; wide enough for the tables where it is no terminal."""
     console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=130)
+    return console if console.is_terminal else Console(highlight=False, width=150)
 
 
 def main() -> None:
