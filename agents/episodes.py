@@ -33,7 +33,7 @@ class Episode:
     overshoot: float | None = None
     """How far beyond the new lane's middle, m."""
     settling_time: float | None = None
-    """From the start of the change until |y error| stays below the tolerance, s; None also if it never does."""
+    """From the start of the change until |y error| stays below the tolerance, s; None without success."""
 
 
 def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
@@ -65,7 +65,7 @@ def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
     if lane_change:
         begin = state.change_start / plant.speed
         extra["overshoot"] = overshoot
-        extra["settling_time"] = None if terminated or unsettled_until >= seconds else unsettled_until - begin
+        extra["settling_time"] = unsettled_until - begin if plant.is_success else None
     return Episode(
         success=plant.is_success,
         end=info["end"],
