@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
 import subprocess
@@ -21,13 +22,11 @@ def collect() -> dict[str, Any]:
 def machine() -> str:
     """Processor, cores and system, without names that identify a machine."""
     processor = platform.processor() or platform.machine()
-    try:
+    with contextlib.suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
                 processor = line.partition(":")[2].strip()
                 break
-    except OSError:
-        pass
     return f"{processor}, {os.cpu_count()} cores, {platform.system()}"
 
 

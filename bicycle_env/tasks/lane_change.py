@@ -7,7 +7,18 @@ from typing import Any, NamedTuple
 
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, number, positive
-from bicycle_env.tasks.task import Entry, Memory, Reference, Rules, Task, World, fixed_entries, observed_car
+from bicycle_env.tasks.task import (
+    SPUN,
+    STRAIGHT,
+    Entry,
+    Memory,
+    Reference,
+    Rules,
+    Task,
+    World,
+    fixed_entries,
+    observed_car,
+)
 
 DIRECTIONS = {"left": 1.0, "right": -1.0, "random": 0.0}
 LATEST_START = 100.0  # s
@@ -111,13 +122,9 @@ class LaneChange(Task):
         return Rules(
             **shared,
             road_half_width=self.lane_width,
-            sideslip_limit=0.8,
-            yaw_rate_limit=2.0,
-            heading_limit=1.2,
+            **SPUN,
             lateral_tolerance=0.3,
-            heading_tolerance=0.02,
-            sideslip_tolerance=0.02,
-            yaw_rate_tolerance=0.05,
+            **STRAIGHT,
             lateral_weight=4.0,
             heading_weight=20.0,
             sideslip_weight=20.0,

@@ -5,7 +5,18 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from bicycle_env.physics.single_track import CarState
-from bicycle_env.tasks.task import Entry, Memory, Reference, Rules, Task, World, fixed_entries, observed_car
+from bicycle_env.tasks.task import (
+    SPUN,
+    STRAIGHT,
+    Entry,
+    Memory,
+    Reference,
+    Rules,
+    Task,
+    World,
+    fixed_entries,
+    observed_car,
+)
 
 
 class StabiliseState(NamedTuple):
@@ -57,13 +68,9 @@ class Stabilise(Task):
         return Rules(
             **shared,
             road_half_width=1.75,
-            sideslip_limit=0.8,
-            yaw_rate_limit=2.0,
-            heading_limit=1.2,
+            **SPUN,
             lateral_tolerance=0.5,
-            heading_tolerance=0.02,
-            sideslip_tolerance=0.02,
-            yaw_rate_tolerance=0.05,
+            **STRAIGHT,
             lateral_weight=1.0,
             heading_weight=20.0,
             sideslip_weight=20.0,

@@ -99,6 +99,10 @@ class Entry(NamedTuple):
 
 Law = Callable[..., Any]
 
+SPUN = {"sideslip_limit": 0.8, "yaw_rate_limit": 2.0, "heading_limit": 1.2}
+"""Limits of every task, rad and rad/s: beyond them nobody drives on."""
+STRAIGHT = {"heading_tolerance": 0.02, "sideslip_tolerance": 0.02, "yaw_rate_tolerance": 0.05}
+"""Tolerances of every task, rad and rad/s: within them the car runs straight."""
 SETTLED_SECONDS = 1.0
 """How long the car must have been settled when the time is over, for a success."""
 
