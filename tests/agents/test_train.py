@@ -17,7 +17,7 @@ from agents import train
 from agents.messages import UserError
 from bicycle_env import control
 
-STEPS = {"ppo": 2048, "sac": 1200, "td3": 1200}
+STEPS = {"ppo": 4096, "sac": 1200, "td3": 1200}
 
 
 def quick(algo: str, folder: Path, **changes: object) -> train.Args:
