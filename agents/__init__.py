@@ -5,4 +5,7 @@ from importlib.util import find_spec
 _NEEDED = ("matplotlib", "rich", "safetensors", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro")
 _missing = [name for name in _NEEDED if find_spec(name) is None]
 if _missing:
-    raise SystemExit(f'error: agents needs {", ".join(_missing)}: pip install -c constraints.txt -e ".[agents]"')
+    raise SystemExit(
+        f"error: this Python lacks {', '.join(_missing)}. Use the one that `make demo` set up (.venv/bin/python, or "
+        'source .venv/bin/activate), or pip install -c constraints.txt -e ".[agents]"'
+    )

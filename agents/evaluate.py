@@ -140,6 +140,10 @@ def main() -> None:
     env = make_env(args.env_id, keywords)
     policies = {name: find_policy(name, env) for name in args.policy}
     console = console_for_tables()
+    for name, policy in policies.items():
+        trained = policy.description.get("env_keywords", {}) if isinstance(policy, control.Network) else {}
+        if isinstance(policy, control.Network) and trained != parse_keywords(args.env_keywords):
+            console.print(f"note: {name} was trained with the environment keywords {trained}")
     rows, seconds = {}, {}
     with Progress(console=Console(stderr=True), transient=True) as bar:
         for name, policy in policies.items():

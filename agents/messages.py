@@ -14,7 +14,7 @@ def run(main: Callable[[], int | None]) -> None:
     """Call `main` and exit with its code; 2 and one line for a user's mistake, 130 for Ctrl-C."""
     try:
         sys.exit(main() or 0)
-    except (UserError, FileNotFoundError, ModuleNotFoundError) as error:
+    except (UserError, OSError, ModuleNotFoundError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:

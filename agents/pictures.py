@@ -32,8 +32,8 @@ def save(figure: Figure, path: Path) -> None:
     write_bytes(path, content.getvalue())
 
 
-def history(env: gym.Env, policy: Policy, seed: int) -> dict[str, np.ndarray]:
-    """States of one episode by their names, and the time."""
+def history(env: gym.Env, policy: Policy, seed: int) -> tuple[dict[str, np.ndarray], str]:
+    """States of one episode by their names, and why it ended before its time."""
     plant: Any = env.unwrapped
     observation, _ = env.reset(seed=seed)
     states, over = [plant.state], False
@@ -43,13 +43,15 @@ def history(env: gym.Env, policy: Policy, seed: int) -> dict[str, np.ndarray]:
         over = terminated or truncated
     columns = dict(zip(states[0]._fields, np.array(states).T, strict=True))
     columns["sideslip"] = columns["lateral_velocity"] / plant.speed
-    return columns
+    return columns, plant.end
 
 
 def drive(env: gym.Env, policies: dict[str, Policy], seed: int, path: Path) -> None:
     """One start, driven by every policy: path on the road, time histories of the car and of both axles."""
     plant: Any = env.unwrapped
-    runs = {name: history(env, policy, seed) for name, policy in policies.items()}
+    runs, ends = {}, {}
+    for name, policy in policies.items():
+        runs[name], ends[name] = history(env, policy, seed)
     figure = Figure(figsize=(11, 7.2), layout="constrained")
     axes = figure.subplot_mosaic("RRRR;AABB;CCDD", height_ratios=[1.1, 1, 1])
     start = next(iter(runs.values()))
@@ -67,8 +69,17 @@ def drive(env: gym.Env, policies: dict[str, Policy], seed: int, path: Path) -> N
     for name, run in runs.items():
         color, line, label = STYLES[name]
         handles += road.plot(run["longitudinal_position"], run["lateral_position"], line, color=color, label=label)
-        if len(run["time"]) <= plant.task.episode_steps:
-            road.plot(run["longitudinal_position"][-1], run["lateral_position"][-1], "x", color=RED, markersize=9)
+        if ends[name]:
+            place = run["longitudinal_position"][-1], run["lateral_position"][-1]
+            road.plot(*place, "x", color=RED, markersize=9)
+            road.annotate(
+                f"{label}: {ends[name].replace('_', ' the ')}, the end",
+                place,
+                xytext=(9, 0),
+                textcoords="offset points",
+                va="center",
+                color=RED,
+            )
         for key, column in (("A", "sideslip"), ("B", "yaw_rate"), ("C", "front_steer"), ("D", "rear_steer")):
             axes[key].plot(run["time"], np.degrees(run[column]), line, color=color)
     centre, half = plant.measure()["reference_road_centre"], plant.rules.road_half_width
@@ -78,8 +89,6 @@ def drive(env: gym.Env, policies: dict[str, Policy], seed: int, path: Path) -> N
         wanted = reference_path(plant, start)
         handles += road.plot(*wanted, ":", color="black", label="the path to follow")
     handles.append(Line2D([], [], color="black", label="road edge" if lane_change else "lane edge"))
-    if any(len(run["time"]) <= plant.task.episode_steps for run in runs.values()):
-        handles.append(Line2D([], [], color=RED, marker="x", linestyle="", label="ended: road left or car spun"))
     road.set(
         xlabel="along the road [m]",
         ylabel="lateral position [m]",

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import json
+import pickle
 import shutil
 import signal
 import time
@@ -56,7 +57,7 @@ class Args:
     seed: int = 0
     """Seed of networks, exploration and starts."""
     total_timesteps: int | None = None
-    """Environment steps; by default as the settings file says."""
+    """Environment steps; by default as the settings file says. A decaying learning rate reaches 0 there."""
     out: Path | None = None
     """Folder of the run; by default runs/ENV_ID-ALGO-SEED."""
     resume: bool = False
@@ -87,7 +88,9 @@ def build(args: Args, chosen: settings.Settings, keywords: dict[str, Any], tenso
             )
         rate = model_keywords["learning_rate"]
         if model_keywords.pop("learning_rate_decay", False):
-            model_keywords["learning_rate"] = lambda remaining: rate * remaining
+            model_keywords["learning_rate"] = lambda remaining: (
+                rate * max(remaining, 0.0)
+            )  # the last rollout overshoots
         algorithm = {"ppo": sb3.PPO, "sac": sb3.SAC, "td3": sb3.TD3}[args.algo]
         return algorithm(
             "MlpPolicy",
@@ -204,7 +207,10 @@ def train(args: Args, console: Console) -> Path:
     if (folder / "run.json").exists():
         if not args.resume:
             raise UserError(f"{folder} holds a run already; choose another --out, or go on with --resume")
-        before = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        try:
+            before = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise UserError(f"--resume: {folder / 'run.json'} is damaged: {error}") from None
         for name, value in identity.items():
             if before.get(name) != value:
                 raise UserError(f"--resume: the run in {folder} has {name} = {before.get(name)!r}, not {value!r}")
@@ -214,7 +220,18 @@ def train(args: Args, console: Console) -> Path:
 
     torch.set_num_threads(1)  # small networks: more threads only wait for each other
     model = build(args, chosen, keywords, folder / "tensorboard")
-    curve, seconds = load_checkpoint(model, folder) if args.resume else ([], 0.0)
+    if args.resume:
+        try:
+            curve, seconds = load_checkpoint(model, folder)
+        except (OSError, ValueError, KeyError, RuntimeError, pickle.UnpicklingError) as error:
+            raise UserError(f"--resume: the checkpoint in {folder} is damaged: {str(error).splitlines()[0]}") from None
+        if before["finished"] and model.num_timesteps >= total:
+            raise UserError(
+                f"--resume: the run has {model.num_timesteps} steps already; give a larger --total-timesteps"
+            )
+    else:
+        curve, seconds = [], 0.0
+        _reserve(folder)
     description = {
         **identity,
         "total_timesteps": total,
@@ -238,6 +255,15 @@ def train(args: Args, console: Console) -> Path:
     model.get_env().close()
     _summary(console, args, folder, model, record.seconds)
     return folder
+
+
+def _reserve(folder: Path) -> None:
+    """Make the folder of a new run; of two trainings that start at once, the second is refused."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "run.json").open("x").close()
+    except FileExistsError:
+        raise UserError(f"{folder} holds a run already, or is a file; choose another --out") from None
 
 
 def _learn(model: BaseAlgorithm, steps: int, record: Record, quiet: bool, reset: bool) -> None:

@@ -34,7 +34,7 @@ def demo() -> str:
     result = read("demo.json")
     names = {"zero": "uncontrolled", "lqr": "LQR", "learned": "PPO, one seed"}
     lines = [
-        "| 200 starts, the same for all | success [%] | mean return (of 400) | peak sideslip [deg] | effort [deg] |",
+        "| 200 starts, the same | success [%] | mean return (of 400) | peak sideslip [deg] | steering effort [deg] |",
         "|---|---|---|---|---|",
     ]
     for key, name in names.items():

@@ -9,10 +9,11 @@ class BicycleStabEnv(SingleTrackEnv):
 
     ## Description
 
-    An automobile runs at constant speed above its critical speed: straight running is unstable, and left alone the
-    car spins within a second or two. At the start its body is turned and turning while it still travels along the
-    lane. Both axles may be steered. The plant is the single-track ("bicycle") model in body-fixed coordinates
-    (D. Karnopp, *Vehicle Stability*, ch. 6, equations 6.18-6.21) with saturating tires, integrated by RK4.
+    An automobile runs at constant speed above its critical speed: straight running is unstable. At the start its body
+    is turned and turning while it still travels along the lane. Left alone it is out of the lane within about a
+    second, and would spin some seconds later. Both axles may be steered. The plant is the single-track ("bicycle")
+    model in body-fixed coordinates (D. Karnopp, *Vehicle Stability*, ch. 6, equations 6.18-6.21) with saturating
+    tires, integrated by RK4.
     Left out: braking and driving, load transfer, roll, pitch, combined slip.
 
     ## Action space

@@ -142,9 +142,26 @@ LAWS: dict[str, type[Tire]] = {
 }
 
 
+@functools.cache
+def _check(tire: Tire) -> None:
+    """Refuse a law that the rest of the package would contradict: ValueError unless odd, with slope -C, finite."""
+    angles, stiffness, peak = np.array([1e-6, 0.01, 0.1, 0.5, 1.5]), np.full(5, 1e5), np.full(5, 7e3)
+    law = _on_arrays(tire)
+    right, left = np.asarray(law(angles, stiffness, peak)), np.asarray(law(-angles, stiffness, peak))
+    name = type(tire).__name__
+    if right.shape != angles.shape or not np.all(np.isfinite(right)):
+        raise ValueError(f"tire {name}: its law must return one finite force per slip angle, got {right!r}")
+    if not np.array_equal(right, -left):
+        raise ValueError(f"tire {name}: its law must be odd in the slip angle to the bit, got {right!r} and {left!r}")
+    slope = right[0] / angles[0]
+    if not abs(slope + 1e5) < 10.0:
+        raise ValueError(f"tire {name}: its slope at zero slip must be -cornering_stiffness, got {slope / 1e5:g} of it")
+
+
 def resolve(tire: str | Tire) -> Tire:
     """A tire object from its name in ``LAWS`` or from itself; ValueError or TypeError otherwise."""
     if isinstance(tire, Tire):
+        _check(tire)
         return tire
     if not isinstance(tire, str):
         raise TypeError(f"tire must be a Tire object or one of {', '.join(map(repr, LAWS))}, got {tire!r}")

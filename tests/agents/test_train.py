@@ -136,3 +136,33 @@ def test_the_same_seed_gives_the_same_policy(tmp_path):
     weights = {name: (tmp_path / name / "policy.safetensors").read_bytes() for name in "abc"}
     assert weights["a"] == weights["b"]
     assert weights["a"] != weights["c"]
+
+
+def test_the_learning_rate_never_turns_negative(tmp_path):
+    args = quick("ppo", tmp_path / "run", total_timesteps=1000)
+    model = train.build(args, train.settings.read(args.env_id, "ppo"), {}, tmp_path / "tensorboard")
+    assert model.lr_schedule(1.0) == 1e-3
+    assert model.lr_schedule(0.25) == 2.5e-4
+    assert model.lr_schedule(-1.048) == 0.0
+
+
+def test_damage_and_nothing_to_do_are_one_line(tmp_path):
+    folder = tmp_path / "run"
+    train.train(quick("ppo", folder), Console(quiet=True))
+    before = (folder / "run.json").read_bytes()
+    with pytest.raises(UserError, match="larger --total-timesteps"):
+        train.train(quick("ppo", folder, total_timesteps=100, resume=True), Console(quiet=True))
+    assert (folder / "run.json").read_bytes() == before
+    (folder / "checkpoint" / "model.pt").write_bytes(b"damaged")
+    with pytest.raises(UserError, match="damaged"):
+        train.train(quick("ppo", folder, total_timesteps=9000, resume=True), Console(quiet=True))
+    (folder / "run.json").write_text("{")
+    with pytest.raises(UserError, match="damaged"):
+        train.train(quick("ppo", folder, total_timesteps=9000, resume=True), Console(quiet=True))
+
+
+def test_a_file_in_the_place_of_the_folder(tmp_path):
+    (tmp_path / "run").write_text("mine")
+    with pytest.raises(UserError, match="is a file"):
+        train.train(quick("ppo", tmp_path / "run"), Console(quiet=True))
+    assert (tmp_path / "run").read_text() == "mine"

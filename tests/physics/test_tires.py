@@ -203,3 +203,31 @@ def test_torch_keeps_its_type_and_agrees(name, dtype):
     expected = tires.resolve(name).lateral_force(alpha.numpy().astype(float), C, PEAK)
     tolerance = (1e-14 if dtype == torch.float64 else 3e-6) * max(PEAK, np.abs(expected).max())
     np.testing.assert_allclose(force.numpy(), expected, rtol=0.0, atol=tolerance)
+
+
+class _Wrong(tires.Tire):
+    """A law with one fault, named by `fault`."""
+
+    def __init__(self, fault):
+        self.fault = fault
+
+    def law(self, xp):
+        fault = self.fault
+
+        def lateral_force(slip_angle, cornering_stiffness, peak_force):
+            force = -cornering_stiffness * slip_angle
+            if fault == "sign":
+                return -force
+            if fault == "slope":
+                return 0.5 * force
+            if fault == "even":
+                return force + abs(slip_angle)
+            return force * np.nan
+
+        return lateral_force
+
+
+@pytest.mark.parametrize(("fault", "text"), [("sign", "slope"), ("slope", "0.5"), ("even", "odd"), ("nan", "finite")])
+def test_a_law_that_contradicts_the_package_is_refused(fault, text):
+    with pytest.raises(ValueError, match=text):
+        tires.resolve(_Wrong(fault))
