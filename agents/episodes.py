@@ -41,6 +41,7 @@ def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
     plant: Any = env.unwrapped
     lane_change = hasattr(plant.state, "direction")
     observation, info = env.reset(seed=seed)
+    policy.reset()
     total, effort, outside, steps = 0.0, 0.0, 0.0, 0
     sideslip = acceleration = error = 0.0
     overshoot, unsettled_until = 0.0, 0.0

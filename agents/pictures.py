@@ -36,6 +36,7 @@ def history(env: gym.Env, policy: Policy, seed: int) -> tuple[dict[str, np.ndarr
     """States of one episode by their names, and why it ended before its time."""
     plant: Any = env.unwrapped
     observation, _ = env.reset(seed=seed)
+    policy.reset()
     states, over = [plant.state], False
     while not over:
         observation, _, terminated, truncated, _ = env.step(policy.act(observation))

@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import LinearModel
+from bicycle_env.physics.actuators import Actuator
+from bicycle_env.physics.tires import Tire
+from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.task import Task
 
 Array = NDArray[np.floating[Any]]
@@ -18,7 +21,15 @@ class Plant(Protocol):
     """What a controller may ask an environment (``env.unwrapped``) when it is designed."""
 
     task: Task
+    vehicle: Vehicle
+    tire: Tire
+    geometry: str
     speed: float
+    friction: float
+    steer: str
+    front_actuator: Actuator
+    rear_actuator: Actuator
+    control_timestep: float
     observation_names: tuple[str, ...]
     observation_scale: NDArray[np.float64]
     action_space: Any
@@ -28,9 +39,16 @@ class Plant(Protocol):
 
 
 class Policy(abc.ABC):
-    """Maps observations to actions, one or many at a time; holds no state between calls."""
+    """Maps observations to actions, one car's or many at a time."""
 
     name: str
+
+    def reset(self, rows: NDArray[np.bool_] | None = None) -> None:  # noqa: B027 (most policies remember nothing)
+        """Forget the past: call it when an episode starts.
+
+        Args:
+            rows: (cars,) the cars that start anew; None for all.
+        """
 
     @abc.abstractmethod
     def act(self, observation: Array) -> NDArray[np.float32]:
