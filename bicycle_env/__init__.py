@@ -3,6 +3,8 @@
 Importing this package registers ``BicycleStab-v0`` and ``BicycleLaneChange-v0`` with Gymnasium.
 """
 
+from typing import Any
+
 from bicycle_env import analysis
 from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import Actuator
@@ -13,6 +15,14 @@ from bicycle_env.registration import register
 
 __version__ = "0.1.0"
 
-__all__ = ["Actuator", "Vehicle", "__version__", "analysis", "simulate", "tires", "vehicles"]
+__all__ = ["Actuator", "Vehicle", "__version__", "analysis", "plots", "simulate", "tires", "vehicles"]
 
 register()
+
+
+def __getattr__(name: str) -> Any:
+    if name == "plots":  # imported when first needed, and matplotlib with the first figure
+        import bicycle_env.plots as plots  # "from bicycle_env import" would ask this function again
+
+        return plots
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

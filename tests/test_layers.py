@@ -48,7 +48,7 @@ ROWS = {
     "wrappers": Row(
         {*BELOW_ENVS, "envs", "files"}, {"gymnasium", "numpy"}, lazy_packages={"stable_baselines3", "torch"}
     ),
-    "plots": Row(BELOW_ENVS, {"numpy"}, lazy_packages={"matplotlib"}),
+    "plots": Row({*BELOW_ENVS, "files"}, {"numpy"}, lazy_packages={"matplotlib"}),
     "registration": Row(set(), {"gymnasium"}),
     "root": Row({"physics", "analysis", "registration"}, set(), lazy_layers={"plots", "rendering"}),
     "report": Row(EVERYTHING | {"report"}, {"numpy", "scipy"}, lazy_packages={"matplotlib", "gymnasium", "control"}),
@@ -248,6 +248,7 @@ def test_the_package_and_an_environment_are_light():
         "import sys\n"
         "import gymnasium as gym\n"
         "import bicycle_env\n"
+        "bicycle_env.plots.episode\n"
         "gym.make('BicycleStab-v0')\n"
         "print(*sorted({name.split('.')[0] for name in sys.modules}))\n"
     )

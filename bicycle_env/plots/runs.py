@@ -1,0 +1,89 @@
+"""What a user may hand to a figure as a run, brought to one form: arrays by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.single_track import CarState, car_on_road
+from bicycle_env.physics.validation import checked_speed
+from bicycle_env.tasks.task import World
+
+Columns = dict[str, NDArray[np.float64]]
+NEEDED = ("time", *(name for name in CarState._fields if name != "heading"))
+"""Names that a run must have."""
+
+
+def columns(run: Any, name: str, speed: float | None) -> Columns:
+    """A run as arrays of one length by name, with ``sideslip`` = V / U among them.
+
+    Args:
+        run: a mapping of names to arrays, or a sequence of named tuples of the state.
+        name: how errors call the run.
+        speed: m/s; needed where the run holds no sideslip.
+
+    Raises:
+        ValueError, TypeError: the run is neither, is empty, lacks a name, or has values that are no finite numbers.
+    """
+    found = _columns(run, name)
+    missing = [needed for needed in NEEDED if needed not in found]
+    if missing:
+        raise ValueError(f"{name} lacks {', '.join(map(repr, missing))}; it has {', '.join(map(repr, found))}")
+    shapes = {found[needed].shape for needed in NEEDED}
+    if len(shapes) > 1 or found["time"].ndim != 1 or found["time"].size == 0:
+        raise ValueError(f"{name} must hold arrays of one length >= 1, got the shapes {sorted(shapes)}")
+    for needed in NEEDED:
+        if not np.all(np.isfinite(found[needed])):
+            raise ValueError(f"{name}[{needed!r}] must be finite")
+    if "sideslip" not in found:
+        if speed is None:
+            raise ValueError(f"{name} holds no 'sideslip': give env=, or speed= in m/s")
+        found["sideslip"] = found["lateral_velocity"] / checked_speed(speed)
+    return found
+
+
+def _columns(run: Any, name: str) -> Columns:
+    if isinstance(run, Mapping):
+        named = run
+    elif isinstance(run, Sequence) and len(run) > 0 and all(hasattr(state, "_asdict") for state in run):
+        named = dict(zip(run[0]._fields, zip(*run, strict=True), strict=True))
+    else:
+        raise TypeError(
+            f"{name} must be a mapping of names to arrays, as simulate returns it, or a list of env.unwrapped.state, "
+            f"got {type(run).__name__}{' without entries' if isinstance(run, Sequence) and len(run) == 0 else ''}"
+        )
+    try:
+        return {str(key): np.asarray(values, dtype=np.float64) for key, values in named.items()}
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name} must hold arrays of numbers: {error}") from None
+
+
+class Road:
+    """The corridor and the path to follow of an environment's task, for the route that a run was on."""
+
+    def __init__(self, env: Any, run: Columns) -> None:
+        self._task = env.task
+        car = car_on_road(env.vehicle, env.speed, env.friction, env.front_actuator, env.rear_actuator)
+        self._world = World(car, env.rules, env.task.settings(env.speed))
+        self.route = tuple(float(run[name][0]) for name in env.task.Route._fields)
+        """What the task drew at the start of the run."""
+        centre = float(self._reference(0.0).road_centre)
+        half = float(env.rules.road_half_width)
+        self.edges = (centre - half, centre + half)
+        """Lateral positions, m."""
+        self.has_path = bool(self.route)
+        """Whether the path to follow is more than the middle of the lane."""
+
+    def path(self, longitudinal_position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Lateral position of the path to follow [m] at places along the road [m]."""
+        wanted = np.asarray(self._reference(longitudinal_position).lateral_position, dtype=np.float64)
+        return np.broadcast_to(wanted, longitudinal_position.shape)
+
+    def _reference(self, longitudinal_position: Any) -> Any:
+        zeros = dict.fromkeys(CarState._fields, 0.0 * np.asarray(longitudinal_position))
+        state = CarState(**{**zeros, "longitudinal_position": np.asarray(longitudinal_position)})
+        return self._task.reference(NUMPY)(state, self._task.Route(*self.route), self._world)

@@ -1,0 +1,100 @@
+"""What all figures of the package share: colours, line styles, axes, files.
+
+Figures are ``matplotlib.figure.Figure`` objects; pyplot and its global state are not used. matplotlib is imported when
+the first figure is made.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from bicycle_env.files import write_bytes
+from bicycle_env.physics.vehicle import Vehicle
+
+# Okabe and Ito's palette, readable by the colour-blind.
+BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+PINK, SKY, YELLOW, GREY, BLACK = "#CC79A7", "#56B4E9", "#F0E442", "#999999", "#000000"
+DOTS_PER_INCH = 130
+INSTALL = 'figures need matplotlib: pip install "bicycle-env[analysis]"'
+
+
+class LineStyle(NamedTuple):
+    """How one of several curves is drawn: never told apart by colour alone."""
+
+    color: str
+    line: Any
+    """A matplotlib line style."""
+
+
+FRONT, REAR = LineStyle(BLUE, "-"), LineStyle(RED, "--")
+"""The two steered axles, in every figure."""
+
+
+def line_style(k: int) -> LineStyle:
+    """The k-th of several curves: twelve pairs of colour and dashes before they repeat."""
+    colors = (BLUE, ORANGE, GREEN, RED, PINK, SKY)
+    lines = ("-", "--", "-.", ":")
+    return LineStyle(colors[k % len(colors)], lines[k % len(lines)])
+
+
+def require_matplotlib() -> None:
+    """Raise ModuleNotFoundError with the install line if matplotlib is missing."""
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        raise ModuleNotFoundError(INSTALL, name="matplotlib") from None
+
+
+def new_figure(width: float, height: float, title: str = "") -> Any:
+    """An empty ``matplotlib.figure.Figure`` of a size in inches, with a constrained layout."""
+    require_matplotlib()
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    if title:
+        figure.suptitle(title)
+    return figure
+
+
+def dress(axes: Any, **properties: Any) -> Any:
+    """Give axes the common grid and set their properties: xlabel, ylabel, title, xlim, ..."""
+    axes.grid(alpha=0.3)
+    axes.set_axisbelow(True)
+    axes.set(**properties)
+    return axes
+
+
+def cross_hair(axes: Any) -> None:
+    """Thin lines through zero, behind everything."""
+    for line in (axes.axhline, axes.axvline):
+        line(0.0, color=GREY, linewidth=0.8, zorder=0.5)
+
+
+def legend_below(figure: Any, handles: Sequence[Any], columns: int = 5) -> None:
+    """One legend for the whole figure, below it."""
+    if handles:
+        figure.legend(handles=list(handles), loc="outside lower center", ncols=min(len(handles), columns))
+
+
+def png(figure: Any, dots_per_inch: float = DOTS_PER_INCH) -> bytes:
+    """A figure as the content of a PNG file."""
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=dots_per_inch)
+    return content.getvalue()
+
+
+def save(figure: Any, path: str | Path, dots_per_inch: float = DOTS_PER_INCH) -> None:
+    """Write a figure as PNG, whole or not at all; the folder is made if needed."""
+    write_bytes(path, png(figure, dots_per_inch))
+
+
+def speed_in_words(vehicle: Vehicle, speed: float) -> str:
+    """``"156 km/h = 1.2 x the critical speed"``; without the second half for a car that has none."""
+    words = f"{3.6 * speed:.0f} km/h"
+    if math.isinf(vehicle.critical_speed):
+        return words
+    return f"{words} = {speed / vehicle.critical_speed:.3g} x the critical speed"
