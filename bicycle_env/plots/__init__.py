@@ -4,6 +4,21 @@ Every function returns a ``matplotlib.figure.Figure``; ``save(figure, path)`` wr
 """
 
 from bicycle_env.plots.episode import episode
+from bicycle_env.plots.linear import bode, root_locus, stability_map
+from bicycle_env.plots.responses import WrongWay, step_response, step_responses, wrong_way
 from bicycle_env.plots.style import LineStyle, png, save, speed_in_words
 
-__all__ = ["LineStyle", "episode", "png", "save", "speed_in_words"]
+__all__ = [
+    "LineStyle",
+    "WrongWay",
+    "bode",
+    "episode",
+    "png",
+    "root_locus",
+    "save",
+    "speed_in_words",
+    "stability_map",
+    "step_response",
+    "step_responses",
+    "wrong_way",
+]

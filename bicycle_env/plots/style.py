@@ -30,7 +30,7 @@ class LineStyle(NamedTuple):
     """A matplotlib line style."""
 
 
-FRONT, REAR = LineStyle(BLUE, "-"), LineStyle(RED, "--")
+AXLE = {"front_steer": LineStyle(BLUE, "-"), "rear_steer": LineStyle(RED, "--")}
 """The two steered axles, in every figure."""
 
 
