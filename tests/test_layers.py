@@ -40,7 +40,7 @@ ROWS = {
     "physics": Row(set(), {"numpy", "numba"}),
     "files": Row(set(), set()),
     "provenance": Row(set(), set()),
-    "analysis": Row({"physics"}, {"numpy", "scipy"}, lazy_packages={"control"}),
+    "analysis": Row({"physics"}, {"numpy", "scipy", "numba"}, lazy_packages={"control", "tqdm"}),
     "tasks": Row({"analysis", "physics"}, {"numpy"}),
     "control": Row({*BELOW_ENVS, "files"}, {"numpy", "scipy", "numba"}, lazy_packages={"safetensors"}),
     "envs": Row(BELOW_ENVS, {"gymnasium", "numpy", "numba"}, lazy_layers={"rendering"}, lazy_packages={"torch"}),

@@ -7,6 +7,7 @@ from bicycle_env.analysis.inertial import (
     inertial_state_matrix,
     wheel_slip_angles,
 )
+from bicycle_env.analysis.recovery import RecoverableSet, recoverable_set
 from bicycle_env.analysis.stability import (
     Modes,
     Stability,
@@ -37,6 +38,7 @@ from bicycle_env.analysis.transfer_functions import (
 __all__ = [
     "InertialMatrices",
     "Modes",
+    "RecoverableSet",
     "Stability",
     "WheelSlips",
     "characteristic_polynomial",
@@ -50,6 +52,7 @@ __all__ = [
     "is_minimum_phase",
     "is_stable",
     "modes",
+    "recoverable_set",
     "stability",
     "stability_criterion",
     "state_matrix",
