@@ -12,26 +12,16 @@ import numpy as np
 from gymnasium import logger, spaces
 from numpy.typing import NDArray
 
-from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuous_model, rk4_map
-from bicycle_env.analysis.stability import Stability, stability
 from bicycle_env.envs import kernels
+from bicycle_env.envs.configuration import Configured, configure
 from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import FRONT, REAR, Actuator
-from bicycle_env.physics.integrators import check_timestep
-from bicycle_env.physics.linear_single_track import fastest_rate
-from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.simulate import resolve_geometry
-from bicycle_env.physics.single_track import Axles, car_on_road
-from bicycle_env.physics.validation import checked_speed, choice, flag, known_keys, number, positive, whole
+from bicycle_env.physics.single_track import Axles
+from bicycle_env.physics.validation import choice, flag, known_keys
 from bicycle_env.physics.vehicle import Vehicle
-from bicycle_env.tasks.rewards import REWARDS
 from bicycle_env.tasks.task import SETTLED_SECONDS, Task, checked_state
 
-STEER_MODES = ("front", "rear", "both")
 RENDER_MODES = ("human", "rgb_array")
-DEFAULT_SPEED_RATIO = 1.2
-LONGEST_TIMESTEP = 10.0  # s
-MOST_SUBSTEPS = 10_000
 FLOAT32 = np.dtype(np.float32)
 
 
@@ -43,7 +33,7 @@ class Snapshot(NamedTuple):
     generator: Any
 
 
-class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """Base of the environments; the subclasses name a task and document it."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (declared so by Gymnasium)
@@ -72,54 +62,40 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         render_mode: str | None = None,
         **task_keywords: Any,
     ) -> None:
-        self.task = make_task(self.task_class, task_keywords)
-        self.vehicle = resolve_vehicle(vehicle)
-        self.tire = tires.resolve(tire)
-        self.speed = resolve_speed(self.vehicle, speed, speed_ratio)
-        self.steer = choice("steer", steer, STEER_MODES)
-        self.friction = positive("friction", friction)
-        self.geometry = resolve_geometry(geometry, self.tire)
-        self.reward = choice("reward", reward, REWARDS)
-        self.horizon = whole("horizon", self.task.episode_steps if horizon is None else horizon)
+        configuration = configure(
+            make_task(self.task_class, task_keywords),
+            vehicle=vehicle,
+            tire=tire,
+            speed=speed,
+            speed_ratio=speed_ratio,
+            steer=steer,
+            friction=friction,
+            geometry=geometry,
+            front_actuator=front_actuator,
+            rear_actuator=rear_actuator,
+            control_timestep=control_timestep,
+            physics_timestep=physics_timestep,
+            reward=reward,
+            horizon=horizon,
+        )
+        self._adopt(configuration)
         self.telemetry = flag("telemetry", telemetry)
         self.render_mode = None if render_mode is None else choice("render_mode", render_mode, RENDER_MODES)
-        self.front_actuator = _actuator("front_actuator", front_actuator)
-        self.rear_actuator = _actuator("rear_actuator", rear_actuator)
-        self.control_timestep = number("control_timestep", control_timestep, high=LONGEST_TIMESTEP, above=0.0)
-        self.physics_timestep = positive("physics_timestep", physics_timestep)
-        lags = (1.0 / self.front_actuator.time_constant, 1.0 / self.rear_actuator.time_constant)
-        check_timestep("physics_timestep", self.physics_timestep, max(fastest_rate(self.vehicle, self.speed), *lags))
-        self.substeps = _substeps(self.control_timestep, self.physics_timestep)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.control_timestep))}
-
-        limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
-        self.observation_entries = self.task.entries(self.speed, *limits)
-        self.observation_names = tuple(entry.name for entry in self.observation_entries)
-        self.observation_scale = np.array([entry.scale for entry in self.observation_entries])
-        self.observation_mirror = np.full(len(self.observation_entries), -1.0)
-        bound = np.array([entry.bound for entry in self.observation_entries], dtype=np.float32)
+        bound = configuration.observation_bound
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
-        axles = 2 if self.steer == "both" else 1
-        self.action_space = spaces.Box(-1.0, 1.0, (axles,), np.float32)
-        self._action_shape = (axles,)
-
-        self.rules = self.task.rules(
-            control_timestep=self.control_timestep,
-            substeps=self.substeps,
-            horizon=self.horizon,
-            steers_front=float(self.steer != "rear"),
-            steers_rear=float(self.steer != "front"),
-        )
+        self._action_shape = (configuration.axles,)
+        self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         self._memory = kernels.new_memory(
             self.task,
-            car_on_road(self.vehicle, self.speed, self.friction, self.front_actuator, self.rear_actuator),
+            configuration.car,
             self.rules,
-            self.task.settings(self.speed),
+            configuration.settings,
             self.observation_scale,
             bound,
         )
         self._observation_size = len(bound)
-        self._end_names = ("", "spun", self.task.left_name)
+        self._end_names = configuration.end_names
         self._end_code = kernels.BAD_ACTION  # not yet reset
         self._warned = False
         self._plain = not self.telemetry and self.render_mode != "human"
@@ -233,33 +209,6 @@ class SingleTrackEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         needed = math.ceil(SETTLED_SECONDS / self.control_timestep - 1e-9)
         return self._end_code == 0 and bool(self._memory[kernels.SETTLED] >= needed)
 
-    @property
-    def stability(self) -> Stability:
-        """Straight running without steering: critical_speed, speed_ratio, eigenvalues, time_to_double."""
-        return stability(self.vehicle, self.speed)
-
-    def linear_model(self) -> LinearModel:
-        """What one control step integrates, linearised at straight running; exact for the linear tire, small angles."""
-        columns = [k for k, steered in enumerate((self.rules.steers_front, self.rules.steers_rear)) if steered]
-        actuators = (self.front_actuator, self.rear_actuator)
-        scale = np.array([actuators[k].angle_limit for k in columns])
-        a, b = continuous_model(self.vehicle, self.speed, actuators)
-        a, b = rk4_map(a, b[:, columns] * scale, self.control_timestep, self.substeps)
-        rules = self.rules
-        state_costs = (
-            rules.lateral_cost,
-            rules.heading_cost,
-            rules.lateral_velocity_cost,
-            rules.yaw_rate_cost,
-            rules.front_steer_cost,
-            rules.rear_steer_cost,
-        )
-        command_costs = [(rules.front_command_cost, rules.rear_command_cost)[k] for k in columns]
-        names = [("front_steer_command", "rear_steer_command")[k] for k in columns]
-        return LinearModel(
-            a, b, np.diag(state_costs), np.diag(command_costs), self.control_timestep, STATE_NAMES, tuple(names), scale
-        )
-
     def measure(self) -> dict[str, float]:
         """Slip angles, forces, accelerations and the reference in the present state, by the names of the telemetry."""
         out = np.empty(len(kernels.TELEMETRY))
@@ -349,39 +298,3 @@ def keyword_names(task_class: type[Task]) -> list[str]:
     if task_class.__init__ is object.__init__:
         return own
     return own + list(inspect.signature(task_class).parameters)
-
-
-def resolve_speed(vehicle: Vehicle, speed: float | None, speed_ratio: float | None) -> float:
-    """The speed [m/s] from at most one of the two keywords; ValueError or TypeError otherwise."""
-    if speed is not None and speed_ratio is not None:
-        raise ValueError(f"give speed or speed_ratio, not both; got {speed!r} and {speed_ratio!r}")
-    if speed is not None:
-        return checked_speed(speed)
-    ratio = positive("speed_ratio", DEFAULT_SPEED_RATIO if speed_ratio is None else speed_ratio)
-    if math.isinf(vehicle.critical_speed):
-        raise ValueError(
-            f"speed_ratio must not be used (got {ratio:g}{' by default' if speed_ratio is None else ''}): this vehicle "
-            "does not oversteer and has no critical speed; give speed in m/s"
-        )
-    return checked_speed(ratio * vehicle.critical_speed, "speed_ratio x critical speed")
-
-
-def _actuator(name: str, value: object) -> Actuator:
-    if not isinstance(value, Actuator):
-        raise TypeError(f"{name} must be an Actuator(angle_limit, rate_limit, time_constant), got {value!r}")
-    return value
-
-
-def _substeps(control_timestep: float, physics_timestep: float) -> int:
-    ratio = control_timestep / physics_timestep
-    if ratio > MOST_SUBSTEPS:
-        raise ValueError(
-            f"physics_timestep must be >= control_timestep / {MOST_SUBSTEPS} = {control_timestep / MOST_SUBSTEPS:g} s, "
-            f"got {physics_timestep:g}"
-        )
-    substeps = round(ratio)
-    if substeps < 1 or abs(substeps * physics_timestep - control_timestep) > 1e-9 * control_timestep:
-        raise ValueError(
-            f"physics_timestep must divide control_timestep = {control_timestep:g} s, got {physics_timestep:g}"
-        )
-    return substeps
