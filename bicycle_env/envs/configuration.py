@@ -1,0 +1,242 @@
+"""From the keywords of an environment to checked values: the same for one car, many cars and torch."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuous_model, rk4_map
+from bicycle_env.analysis.stability import Stability, stability
+from bicycle_env.physics import tires
+from bicycle_env.physics.actuators import Actuator
+from bicycle_env.physics.integrators import check_timestep
+from bicycle_env.physics.linear_single_track import fastest_rate
+from bicycle_env.physics.presets import resolve_vehicle
+from bicycle_env.physics.simulate import resolve_geometry
+from bicycle_env.physics.single_track import Car, car_on_road
+from bicycle_env.physics.validation import checked_speed, choice, number, positive, whole
+from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.tasks.rewards import REWARDS
+from bicycle_env.tasks.task import Entry, Rules, Task
+
+STEER_MODES = ("front", "rear", "both")
+DEFAULT_SPEED_RATIO = 1.2
+LONGEST_TIMESTEP = 10.0  # s
+MOST_SUBSTEPS = 10_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Configuration:
+    """One car, on one road, with one task: what an environment is made of."""
+
+    task: Task
+    vehicle: Vehicle
+    tire: tires.Tire
+    speed: float
+    steer: str
+    friction: float
+    geometry: str
+    reward: str
+    horizon: int
+    front_actuator: Actuator
+    rear_actuator: Actuator
+    control_timestep: float
+    physics_timestep: float
+    substeps: int
+    rules: Rules
+    observation_entries: tuple[Entry, ...]
+
+    @property
+    def axles(self) -> int:
+        """How many axles the action steers."""
+        return 2 if self.steer == "both" else 1
+
+    @property
+    def observation_scale(self) -> NDArray[np.float64]:
+        return np.array([entry.scale for entry in self.observation_entries])
+
+    @property
+    def observation_bound(self) -> NDArray[np.float32]:
+        return np.array([entry.bound for entry in self.observation_entries], dtype=np.float32)
+
+    @property
+    def car(self) -> Car:
+        """The numbers that the equations need."""
+        return car_on_road(self.vehicle, self.speed, self.friction, self.front_actuator, self.rear_actuator)
+
+    @property
+    def settings(self) -> Any:
+        """The task's numbers at this speed."""
+        return self.task.settings(self.speed)
+
+    @property
+    def end_names(self) -> tuple[str, str, str]:
+        """The words of the end codes 0, 1, 2 of ``bicycle_env.tasks.ends``."""
+        return ("", "spun", self.task.left_name)
+
+    def linear_model(self) -> LinearModel:
+        """What one control step integrates, linearised at straight running."""
+        rules = self.rules
+        columns = [k for k, steered in enumerate((rules.steers_front, rules.steers_rear)) if steered]
+        actuators = (self.front_actuator, self.rear_actuator)
+        scale = np.array([actuators[k].angle_limit for k in columns])
+        a, b = continuous_model(self.vehicle, self.speed, actuators)
+        a, b = rk4_map(a, b[:, columns] * scale, self.control_timestep, self.substeps)
+        state_costs = (
+            rules.lateral_cost,
+            rules.heading_cost,
+            rules.lateral_velocity_cost,
+            rules.yaw_rate_cost,
+            rules.front_steer_cost,
+            rules.rear_steer_cost,
+        )
+        command_costs = [(rules.front_command_cost, rules.rear_command_cost)[k] for k in columns]
+        names = [("front_steer_command", "rear_steer_command")[k] for k in columns]
+        return LinearModel(
+            a, b, np.diag(state_costs), np.diag(command_costs), self.control_timestep, STATE_NAMES, tuple(names), scale
+        )
+
+
+class Configured:
+    """Gives an environment its configuration's fields as attributes."""
+
+    configuration: Configuration
+    task: Task
+    vehicle: Vehicle
+    tire: tires.Tire
+    speed: float
+    steer: str
+    friction: float
+    geometry: str
+    reward: str
+    horizon: int
+    front_actuator: Actuator
+    rear_actuator: Actuator
+    control_timestep: float
+    physics_timestep: float
+    substeps: int
+    rules: Rules
+    observation_entries: tuple[Entry, ...]
+    observation_names: tuple[str, ...]
+    observation_scale: NDArray[np.float64]
+    """(entries,)"""
+    observation_mirror: NDArray[np.float64]
+    """(entries,): +1 or -1, what each entry is multiplied by in the mirror image."""
+
+    def _adopt(self, configuration: Configuration) -> None:
+        self.configuration = configuration
+        for field in dataclasses.fields(configuration):
+            setattr(self, field.name, getattr(configuration, field.name))
+        self.observation_names = tuple(entry.name for entry in configuration.observation_entries)
+        self.observation_scale = configuration.observation_scale
+        self.observation_mirror = np.full(len(self.observation_names), -1.0)
+
+    @property
+    def stability(self) -> Stability:
+        """Straight running without steering: critical_speed, speed_ratio, eigenvalues, time_to_double."""
+        return stability(self.vehicle, self.speed)
+
+    def linear_model(self) -> LinearModel:
+        """What one control step integrates, linearised at straight running; exact for the linear tire, small angles."""
+        return self.configuration.linear_model()
+
+
+def configure(
+    task: Task,
+    *,
+    vehicle: str | Vehicle,
+    tire: str | tires.Tire,
+    speed: float | None,
+    speed_ratio: float | None,
+    steer: str,
+    friction: float,
+    geometry: str | None,
+    front_actuator: Actuator,
+    rear_actuator: Actuator,
+    control_timestep: float,
+    physics_timestep: float,
+    reward: str,
+    horizon: int | None,
+) -> Configuration:
+    """Check every keyword; ValueError or TypeError names a bad one, its value and what is allowed."""
+    vehicle = resolve_vehicle(vehicle)
+    tire = tires.resolve(tire)
+    speed = resolve_speed(vehicle, speed, speed_ratio)
+    steer = choice("steer", steer, STEER_MODES)
+    friction = positive("friction", friction)
+    geometry = resolve_geometry(geometry, tire)
+    reward = choice("reward", reward, REWARDS)
+    horizon = whole("horizon", task.episode_steps if horizon is None else horizon)
+    front_actuator = _actuator("front_actuator", front_actuator)
+    rear_actuator = _actuator("rear_actuator", rear_actuator)
+    control_timestep = number("control_timestep", control_timestep, high=LONGEST_TIMESTEP, above=0.0)
+    physics_timestep = positive("physics_timestep", physics_timestep)
+    lags = (1.0 / front_actuator.time_constant, 1.0 / rear_actuator.time_constant)
+    check_timestep("physics_timestep", physics_timestep, max(fastest_rate(vehicle, speed), *lags))
+    substeps = _substeps(control_timestep, physics_timestep)
+    rules = task.rules(
+        control_timestep=control_timestep,
+        substeps=substeps,
+        horizon=horizon,
+        steers_front=float(steer != "rear"),
+        steers_rear=float(steer != "front"),
+    )
+    entries = task.entries(speed, front_actuator.angle_limit, rear_actuator.angle_limit)
+    return Configuration(
+        task,
+        vehicle,
+        tire,
+        speed,
+        steer,
+        friction,
+        geometry,
+        reward,
+        horizon,
+        front_actuator,
+        rear_actuator,
+        control_timestep,
+        physics_timestep,
+        substeps,
+        rules,
+        entries,
+    )
+
+
+def resolve_speed(vehicle: Vehicle, speed: float | None, speed_ratio: float | None) -> float:
+    """The speed [m/s] from at most one of the two keywords; ValueError or TypeError otherwise."""
+    if speed is not None and speed_ratio is not None:
+        raise ValueError(f"give speed or speed_ratio, not both; got {speed!r} and {speed_ratio!r}")
+    if speed is not None:
+        return checked_speed(speed)
+    ratio = positive("speed_ratio", DEFAULT_SPEED_RATIO if speed_ratio is None else speed_ratio)
+    if math.isinf(vehicle.critical_speed):
+        raise ValueError(
+            f"speed_ratio must not be used (got {ratio:g}{' by default' if speed_ratio is None else ''}): this vehicle "
+            "does not oversteer and has no critical speed; give speed in m/s"
+        )
+    return checked_speed(ratio * vehicle.critical_speed, "speed_ratio x critical speed")
+
+
+def _actuator(name: str, value: object) -> Actuator:
+    if not isinstance(value, Actuator):
+        raise TypeError(f"{name} must be an Actuator(angle_limit, rate_limit, time_constant), got {value!r}")
+    return value
+
+
+def _substeps(control_timestep: float, physics_timestep: float) -> int:
+    ratio = control_timestep / physics_timestep
+    if ratio > MOST_SUBSTEPS:
+        raise ValueError(
+            f"physics_timestep must be >= control_timestep / {MOST_SUBSTEPS} = {control_timestep / MOST_SUBSTEPS:g} s, "
+            f"got {physics_timestep:g}"
+        )
+    substeps = round(ratio)
+    if substeps < 1 or abs(substeps * physics_timestep - control_timestep) > 1e-9 * control_timestep:
+        raise ValueError(
+            f"physics_timestep must divide control_timestep = {control_timestep:g} s, got {physics_timestep:g}"
+        )
+    return substeps
