@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.validation import positive
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -19,8 +20,9 @@ class InertialMatrices(NamedTuple):
     stiffness: NDArray[np.float64]
 
 
-def inertial_matrices(vehicle: Vehicle, speed: float) -> InertialMatrices:
-    """Mass, damping and stiffness matrices of (6.9). Raises ValueError or TypeError for a bad speed."""
+def inertial_matrices(vehicle: str | Vehicle, speed: float) -> InertialMatrices:
+    """Mass, damping and stiffness matrices of (6.9). Raises ValueError or TypeError for a bad vehicle or speed."""
+    vehicle = resolve_vehicle(vehicle)
     speed = positive("speed", speed)
     a, b = vehicle.cg_to_front, vehicle.cg_to_rear
     front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
@@ -32,7 +34,7 @@ def inertial_matrices(vehicle: Vehicle, speed: float) -> InertialMatrices:
     )
 
 
-def inertial_state_matrix(vehicle: Vehicle, speed: float) -> NDArray[np.float64]:
+def inertial_state_matrix(vehicle: str | Vehicle, speed: float) -> NDArray[np.float64]:
     """(4, 4): first-order form of (6.9) for (lateral_position, heading) and their rates in the inertial frame."""
     matrices = inertial_matrices(vehicle, speed)
     state = np.zeros((4, 4))
@@ -51,21 +53,25 @@ class WheelSlips(NamedTuple):
     rear_right: Any
 
 
-def wheel_slip_angles(vehicle: Vehicle, speed: float, lateral_rate: Any, heading: Any, yaw_rate: Any) -> WheelSlips:
+def wheel_slip_angles(
+    vehicle: str | Vehicle, speed: float, lateral_rate: Any, heading: Any, yaw_rate: Any
+) -> WheelSlips:
     """Slip angles of four unsteered wheels in inertial coordinates, not linearised: (6.1)-(6.5) with half-tracks.
 
     Args:
-        vehicle: gives the axle distances and half-tracks.
+        vehicle: a preset's name or a Vehicle; gives the axle distances and half-tracks.
         speed: U, m/s, along the road; it is the speed in the INERTIAL x direction here, as in (6.1).
         lateral_rate: y', m/s, inertial frame. This and the next two broadcast.
         heading: psi, rad.
         yaw_rate: psi', rad/s.
 
     Returns:
-        Arctangent of lateral over rolling velocity of each wheel. To first order the half-tracks drop out and left
-        and right share (6.3) and (6.5): what remains is of second order, at most about
-        ``half_track |yaw_rate| / speed`` times the slip angle.
+        Arctangent of lateral over rolling velocity of each wheel. To first order the half-tracks drop out: left and
+        right share the slip angle of (6.3) in front and of (6.5), (6.5a) at the rear. What remains is, to second order,
+        ``half_track yaw_rate / speed`` times that slip angle, added on the left and subtracted on the right; the mean
+        of the two, which is the axle's force, differs from the book's in third order only.
     """
+    vehicle = resolve_vehicle(vehicle)
     speed = positive("speed", speed)
     sine, cosine = np.sin(heading), np.cos(heading)
     rolling = speed * cosine + lateral_rate * sine

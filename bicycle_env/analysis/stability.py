@@ -1,4 +1,7 @@
-"""Stability, understeer and oversteer: closed forms of Karnopp, Vehicle Stability, (6.9)-(6.17) and (6.24)-(6.27)."""
+"""Stability, understeer and oversteer: closed forms of Karnopp, Vehicle Stability, (6.9)-(6.17) and (6.24)-(6.27).
+
+Every function takes a Vehicle or a preset's name; ValueError or TypeError for anything else.
+"""
 
 from __future__ import annotations
 
@@ -9,73 +12,80 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.physics import linear_single_track
+from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.validation import choice, positive
 from bicycle_env.physics.vehicle import Vehicle
 
 COORDINATES = ("body", "inertial")
 
 
-def critical_speed(vehicle: Vehicle) -> float:
+def critical_speed(vehicle: str | Vehicle) -> float:
     """U_crit of (6.17), m/s; infinite for a car that does not oversteer."""
-    return vehicle.critical_speed
+    return resolve_vehicle(vehicle).critical_speed
 
 
-def characteristic_speed(vehicle: Vehicle) -> float:
+def characteristic_speed(vehicle: str | Vehicle) -> float:
     """U_ch, m/s, at which an understeering car's yaw-rate gain is half of a neutral one's; infinite otherwise."""
+    vehicle = resolve_vehicle(vehicle)
     gradient = understeer_gradient(vehicle)
     return math.sqrt(vehicle.wheelbase / gradient) if gradient > 0.0 else math.inf
 
 
-def understeer_gradient(vehicle: Vehicle) -> float:
+def understeer_gradient(vehicle: str | Vehicle) -> float:
     """K = m (b Cr - a Cf) / ((a+b) Cf Cr), rad per m/s^2 at the road wheels; positive = understeer."""
+    vehicle = resolve_vehicle(vehicle)
     front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
     return vehicle.mass * _balance(vehicle) / (vehicle.wheelbase * front * rear)
 
 
-def static_margin(vehicle: Vehicle) -> float:
+def static_margin(vehicle: str | Vehicle) -> float:
     """(a Cf - b Cr) / ((a+b)(Cf + Cr)), dimensionless; negative = understeer."""
+    vehicle = resolve_vehicle(vehicle)
     total = vehicle.front_cornering_stiffness + vehicle.rear_cornering_stiffness
     return -_balance(vehicle) / (vehicle.wheelbase * total)
 
 
-def tangent_speed(vehicle: Vehicle) -> float:
+def tangent_speed(vehicle: str | Vehicle) -> float:
     """The speed at which the steady sideslip of a turn changes sign, sqrt(b (a+b) Cr / (a m)), m/s."""
+    vehicle = resolve_vehicle(vehicle)
     b_over_a = vehicle.cg_to_rear / vehicle.cg_to_front
     return math.sqrt(b_over_a * vehicle.wheelbase * vehicle.rear_cornering_stiffness / vehicle.mass)
 
 
-def stability_criterion(vehicle: Vehicle, speed: float) -> float:
+def stability_criterion(vehicle: str | Vehicle, speed: float) -> float:
     """Left side of (6.14), (a+b)^2 Cf Cr / U^2 + m (b Cr - a Cf), N^2 m^2 s^2/m^2: positive = stable.
 
     Raises ValueError or TypeError for a speed that is not positive and finite.
     """
+    vehicle = resolve_vehicle(vehicle)
     speed = positive("speed", speed)
     front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
     return vehicle.wheelbase**2 * front * rear / speed / speed + vehicle.mass * _balance(vehicle)
 
 
-def is_stable(vehicle: Vehicle, speed: float) -> bool:
+def is_stable(vehicle: str | Vehicle, speed: float) -> bool:
     """Whether straight running at a speed [m/s] is asymptotically stable; False exactly at the limit."""
     return stability_criterion(vehicle, speed) > 0.0
 
 
-def state_matrix(vehicle: Vehicle, speed: float) -> NDArray[np.float64]:
+def state_matrix(vehicle: str | Vehicle, speed: float) -> NDArray[np.float64]:
     """A (2, 2), body-fixed, (6.24); state (lateral_velocity, yaw_rate). Raises as :func:`stability_criterion`."""
-    return linear_single_track.state_matrix(vehicle, positive("speed", speed))
+    return linear_single_track.state_matrix(resolve_vehicle(vehicle), positive("speed", speed))
 
 
-def input_matrix(vehicle: Vehicle, speed: float) -> NDArray[np.float64]:
+def input_matrix(vehicle: str | Vehicle, speed: float) -> NDArray[np.float64]:
     """B (2, 2), body-fixed, (6.24); inputs (front_steer, rear_steer). Raises as :func:`stability_criterion`."""
     positive("speed", speed)
-    return linear_single_track.input_matrix(vehicle)
+    return linear_single_track.input_matrix(resolve_vehicle(vehicle))
 
 
-def characteristic_polynomial(vehicle: Vehicle, speed: float, coordinates: str = "body") -> NDArray[np.float64]:
+def characteristic_polynomial(vehicle: str | Vehicle, speed: float, coordinates: str = "body") -> NDArray[np.float64]:
     """Coefficients, highest power first, leading m Iz: Delta(s) of (6.27), or s^2 Delta(s) of (6.10)-(6.12).
 
     Raises ValueError or TypeError for a bad speed or coordinates other than "body" and "inertial".
     """
     choice("coordinates", coordinates, COORDINATES)
+    vehicle = resolve_vehicle(vehicle)
     criterion = stability_criterion(vehicle, speed)
     m, inertia = vehicle.mass, vehicle.yaw_inertia
     a, b = vehicle.cg_to_front, vehicle.cg_to_rear
@@ -85,7 +95,7 @@ def characteristic_polynomial(vehicle: Vehicle, speed: float, coordinates: str =
     return body if coordinates == "body" else np.append(body, [0.0, 0.0])
 
 
-def eigenvalues(vehicle: Vehicle, speed: float, coordinates: str = "body") -> NDArray[np.complex128]:
+def eigenvalues(vehicle: str | Vehicle, speed: float, coordinates: str = "body") -> NDArray[np.complex128]:
     """Eigenvalues of straight running, 1/s: 2 in body-fixed coordinates; with two zeros added in inertial ones.
 
     Raises as :func:`characteristic_polynomial`.
@@ -95,7 +105,9 @@ def eigenvalues(vehicle: Vehicle, speed: float, coordinates: str = "body") -> ND
     return body if coordinates == "body" else np.append(body, [0.0, 0.0])
 
 
-def steady_state_gain(vehicle: Vehicle, speed: float, input: str = "front_steer", output: str = "yaw_rate") -> float:
+def steady_state_gain(
+    vehicle: str | Vehicle, speed: float, input: str = "front_steer", output: str = "yaw_rate"
+) -> float:
     """Steady response to a constant steer angle, per rad: lateral_velocity, yaw_rate, lateral_acceleration, sideslip.
 
     Above the critical speed it is the (unstable) equilibrium's value. Raises ValueError or TypeError for an unknown
@@ -126,7 +138,7 @@ class Modes(NamedTuple):
     """s; infinite for a stable car."""
 
 
-def modes(vehicle: Vehicle, speed: float) -> Modes:
+def modes(vehicle: str | Vehicle, speed: float) -> Modes:
     """Natural frequency and damping from Delta(s) of (6.27). Raises as :func:`stability_criterion`."""
     leading, damping, constant = characteristic_polynomial(vehicle, speed)
     frequency = math.sqrt(constant / leading) if constant > 0.0 else math.nan
@@ -134,9 +146,9 @@ def modes(vehicle: Vehicle, speed: float) -> Modes:
     return Modes(frequency, ratio, stability(vehicle, speed).time_to_double)
 
 
-def classification(vehicle: Vehicle) -> str:
+def classification(vehicle: str | Vehicle) -> str:
     """The words "understeer" (6.15), "oversteer" (6.16) or "neutral"."""
-    balance = _balance(vehicle)
+    balance = _balance(resolve_vehicle(vehicle))
     return "understeer" if balance > 0.0 else "oversteer" if balance < 0.0 else "neutral"
 
 
@@ -153,7 +165,7 @@ class Stability(NamedTuple):
     """s in which the fastest growing deviation doubles; infinite for a stable car."""
 
 
-def stability(vehicle: Vehicle, speed: float) -> Stability:
+def stability(vehicle: str | Vehicle, speed: float) -> Stability:
     """Gather the open-loop figures. Raises as :func:`stability_criterion`."""
     values = eigenvalues(vehicle, speed)
     growth = float(np.max(values.real))

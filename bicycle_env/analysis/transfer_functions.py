@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.stability import characteristic_polynomial, input_matrix, state_matrix
+from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.validation import choice, positive
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -20,14 +21,14 @@ OUTPUTS = ("lateral_velocity", "yaw_rate", "lateral_acceleration", "sideslip", "
 STATES = ("lateral_velocity", "yaw_rate", "heading", "lateral_position")
 
 
-def numerator(vehicle: Vehicle, speed: float, input: str, output: str) -> NDArray[np.float64]:
+def numerator(vehicle: str | Vehicle, speed: float, input: str, output: str) -> NDArray[np.float64]:
     """Numerator coefficients over m Iz s^2 + ... of (6.27), highest power first.
 
     For heading and lateral position the denominator has one and two more powers of s.
     """
     front = choice("input", input, INPUTS) == "front_steer"
     choice("output", output, OUTPUTS)
-    speed = positive("speed", speed)
+    vehicle, speed = resolve_vehicle(vehicle), positive("speed", speed)
     m, inertia, wheelbase = vehicle.mass, vehicle.yaw_inertia, vehicle.wheelbase
     both = vehicle.front_cornering_stiffness * vehicle.rear_cornering_stiffness
     # Seen from the steered axle: its stiffness, its arm, the other's arm. The rear axle turns the car the other way.
@@ -43,18 +44,18 @@ def numerator(vehicle: Vehicle, speed: float, input: str, output: str) -> NDArra
     return np.array([stiffness * inertia, wheelbase * other_arm * both / speed, side * wheelbase * both])
 
 
-def transfer_function(vehicle: Vehicle, speed: float, input: str, output: str) -> Any:
+def transfer_function(vehicle: str | Vehicle, speed: float, input: str, output: str) -> Any:
     """The response of an output to a road-wheel angle [rad], as a ``control.TransferFunction`` with named signals.
 
     Args:
-        vehicle: the car.
+        vehicle: a preset's name or a Vehicle.
         speed: m/s.
         input: "front_steer" or "rear_steer".
         output: "lateral_velocity" [m/s], "yaw_rate" [rad/s], "lateral_acceleration" (V' + U r) [m/s^2], "sideslip"
             (V/U) [rad], "heading" [rad] or "lateral_position" [m].
 
     Raises:
-        ValueError, TypeError: a bad speed, an unknown input or output.
+        ValueError, TypeError: a bad vehicle or speed, an unknown input or output.
         ModuleNotFoundError: python-control is missing.
     """
     top = numerator(vehicle, speed, input, output)
@@ -63,7 +64,7 @@ def transfer_function(vehicle: Vehicle, speed: float, input: str, output: str) -
     return _control().TransferFunction(top, bottom, inputs=[input], outputs=[output], name=f"{input}_to_{output}")
 
 
-def transfer_matrix(vehicle: Vehicle, speed: float) -> Any:
+def transfer_matrix(vehicle: str | Vehicle, speed: float) -> Any:
     """All twelve transfer functions as one ``control.TransferFunction`` with six outputs and two inputs."""
     functions = [[transfer_function(vehicle, speed, name, output) for name in INPUTS] for output in OUTPUTS]
     return _control().TransferFunction(
@@ -75,7 +76,7 @@ def transfer_matrix(vehicle: Vehicle, speed: float) -> Any:
     )
 
 
-def state_space(vehicle: Vehicle, speed: float) -> Any:
+def state_space(vehicle: str | Vehicle, speed: float) -> Any:
     """The linear model as a ``control.StateSpace`` with named signals: states ``STATES``, inputs, all six outputs.
 
     Heading and lateral position follow by psi' = r, y' = V + U psi. Raises as :func:`transfer_function`.
@@ -95,12 +96,12 @@ def state_space(vehicle: Vehicle, speed: float) -> Any:
     )
 
 
-def zeros(vehicle: Vehicle, speed: float, input: str, output: str) -> NDArray[np.complex128]:
+def zeros(vehicle: str | Vehicle, speed: float, input: str, output: str) -> NDArray[np.complex128]:
     """Zeros of a transfer function, 1/s: one in the right half-plane makes the response start the wrong way."""
     return np.roots(numerator(vehicle, speed, input, output)).astype(np.complex128)
 
 
-def is_minimum_phase(vehicle: Vehicle, speed: float, input: str, output: str) -> bool:
+def is_minimum_phase(vehicle: str | Vehicle, speed: float, input: str, output: str) -> bool:
     """Whether no zero lies in the right half-plane."""
     return bool(np.all(zeros(vehicle, speed, input, output).real <= 0.0))
 
