@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import CarState, actuated_single_track
@@ -12,14 +12,27 @@ from bicycle_env.tasks.ends import corner_outside, end_code, settled
 from bicycle_env.tasks.rewards import bounded_reward, quadratic_reward, worst_stage_cost
 from bicycle_env.tasks.task import Memory, Task, World
 
+Law = Callable[..., Any]
 
-def transition(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Callable[..., Any]:
-    """``step(state, memory, action, world, substeps) -> (state, memory, reward, end, cost)``.
 
-    ``action`` is the pair (front, rear) in [-1, 1] times the actuators' angle limits, already clipped; `substeps` a
-    whole number.
+class Stages(NamedTuple):
+    """The three parts of a control step, apart because a compiler vectorises each over many cars, not the whole.
+
+    ``action`` is the pair (front, rear) in [-1, 1], already clipped, 0 for an axle that is not steered; ``command`` the
+    same times the actuators' angle limits.
     """
-    advance = xp.function(rk4(xp, actuated_single_track(xp, tire, geometry)))
+
+    begin: Law
+    """``begin(state, memory, action, world) -> (command, stage)``; stage: what the reward takes from before."""
+    advance: Law
+    """``advance(state, command, world) -> state``: one substep."""
+    finish: Law
+    """``finish(state, memory, action, stage, world) -> (memory, reward, end, cost)``."""
+
+
+def stages(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Stages:
+    """The parts of :func:`transition`."""
+    substep = xp.function(rk4(xp, actuated_single_track(xp, tire, geometry)))
     reference_law = xp.function(task.reference(xp))
     end_law = xp.function(end_code(xp))
     settled_law = xp.function(settled(xp))
@@ -29,15 +42,23 @@ def transition(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> C
     worst = xp.function(worst_stage_cost(xp))
     is_quadratic = reward == "quadratic"
 
-    def step(
-        state: CarState, memory: Memory, action: tuple[Any, Any], world: World, substeps: int
-    ) -> tuple[CarState, Memory, Any, Any, Any]:
+    def begin(state: CarState, memory: Memory, action: tuple[Any, Any], world: World) -> tuple[tuple[Any, Any], Any]:
+        command = (action[0] * world.car.front_angle_limit, action[1] * world.car.rear_angle_limit)
+        if is_quadratic:
+            stage = quadratic(state, reference_law(state, memory.route, world), action, world)
+        else:
+            stage = 0.0 * action[0]
+        return command, stage
+
+    def advance(state: CarState, command: tuple[Any, Any], world: World) -> CarState:
+        physics_timestep = world.rules.control_timestep / world.rules.substeps
+        moved: CarState = substep(state, command, command, command, world.car, physics_timestep)
+        return moved
+
+    def finish(
+        state: CarState, memory: Memory, action: tuple[Any, Any], stage: Any, world: World
+    ) -> tuple[Memory, Any, Any, Any]:
         car, rules = world.car, world.rules
-        before, reference_before = state, reference_law(state, memory.route, world)
-        command = (action[0] * car.front_angle_limit, action[1] * car.rear_angle_limit)
-        physics_timestep = rules.control_timestep / rules.substeps
-        for _ in range(substeps):
-            state = advance(state, command, command, command, car, physics_timestep)
         reference = reference_law(state, memory.route, world)
         end = end_law(state, reference, world)
         cost = cost_law(state, reference, world)
@@ -45,16 +66,35 @@ def transition(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> C
         if is_quadratic:
             remaining = xp.maximum(rules.horizon - steps, 0.0)
             failure = xp.where(end > 0, remaining * worst(car, rules), 0.0)
-            gained = quadratic(before, reference_before, action, world) - failure
+            gained = stage - failure
         else:
             gained = bounded(state, reference, action, memory, world)
         remembered = Memory(
-            command[0],
-            command[1],
+            action[0] * car.front_angle_limit,
+            action[1] * car.rear_angle_limit,
             steps,
             xp.where(settled_law(state, reference, world), memory.settled_steps + 1.0, 0.0),
             memory.route,
         )
+        return remembered, gained, end, cost
+
+    return Stages(begin, advance, finish)
+
+
+def transition(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Law:
+    """``step(state, memory, action, world, substeps) -> (state, memory, reward, end, cost)``: a control step.
+
+    `substeps` is a whole number; see :class:`Stages` for the rest.
+    """
+    begin, advance, finish = (xp.function(law) for law in stages(xp, task, tire, geometry, reward))
+
+    def step(
+        state: CarState, memory: Memory, action: tuple[Any, Any], world: World, substeps: int
+    ) -> tuple[CarState, Memory, Any, Any, Any]:
+        command, stage = begin(state, memory, action, world)
+        for _ in range(substeps):
+            state = advance(state, command, world)
+        remembered, gained, end, cost = finish(state, memory, action, stage, world)
         return state, remembered, gained, end, cost
 
     return step
