@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
-from bicycle_env import analysis, vehicles
+from bicycle_env import analysis, simulate, vehicles
 
 
 @pytest.mark.parametrize("name", list(vehicles))
@@ -45,39 +48,85 @@ def test_inertial_and_body_fixed_motion_agree():
     assert rate[3] == pytest.approx(body[1], rel=1e-12)
 
 
-def test_track_drops_out_to_first_order():
-    """Half the perturbation leaves a quarter of what the book's (6.3), (6.5) miss."""
-    vehicle, speed = vehicles["oversteer"], 30.0
+def test_both_formulations_drive_the_same_path():
+    """The simulated body-fixed car, seen from the road, is the matrix exponential of the inertial form."""
+    vehicle, speed = vehicles["understeer"], 30.0
+    start = {"lateral_position": 0.3, "heading": -0.02, "lateral_velocity": 0.5, "yaw_rate": -0.1}
+    run = simulate(vehicle, speed, (0.0, 0.0), 2.0, tire="linear", initial_state=start)
+    inertial = [0.3, -0.02, 0.5 + speed * -0.02, -0.1]
+    for k in (1, 500, 2000):
+        expected = expm(analysis.inertial_state_matrix(vehicle, speed) * run["time"][k]) @ inertial
+        lateral_rate = run["lateral_velocity"][k] + speed * run["heading"][k]
+        got = [run["lateral_position"][k], run["heading"][k], lateral_rate, run["yaw_rate"][k]]
+        np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-10)
 
-    def remainder(size):
+
+# The four wheels
+
+UNEQUAL = dataclasses.replace(vehicles["oversteer"], front_half_track=0.9, rear_half_track=0.6)
+WHEELS = {
+    "front_left": (UNEQUAL.cg_to_front, UNEQUAL.front_half_track),
+    "front_right": (UNEQUAL.cg_to_front, -UNEQUAL.front_half_track),
+    "rear_left": (-UNEQUAL.cg_to_rear, UNEQUAL.rear_half_track),
+    "rear_right": (-UNEQUAL.cg_to_rear, -UNEQUAL.rear_half_track),
+}
+
+
+@pytest.mark.parametrize("wheel", WHEELS)
+def test_slip_angle_is_the_direction_in_which_the_wheel_travels(wheel):
+    """Rolling and lateral velocity, (6.1) and (6.2): each wheel's place on the road is followed for a moment."""
+    speed, lateral_rate, heading, yaw_rate, moment = 20.0, 3.0, -0.4, 0.8, 1e-5
+
+    def place(time):
+        angle = heading + yaw_rate * time
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return np.array([speed, lateral_rate]) * time + turn @ WHEELS[wheel]
+
+    x, y = (place(moment) - place(-moment)) / (2.0 * moment)
+    slips = analysis.wheel_slip_angles(UNEQUAL, speed, lateral_rate, heading, yaw_rate)
+    assert getattr(slips, wheel) == pytest.approx(np.arctan2(y, x) - heading, rel=1e-9)
+
+
+@pytest.mark.parametrize(("axle", "arm"), [("front", UNEQUAL.cg_to_front), ("rear", -UNEQUAL.cg_to_rear)])
+def test_track_drops_out_to_first_order(axle, arm):
+    """What the book's (6.3), (6.5) miss: the slip angle x half-track x yaw rate / speed; of that, a third order."""
+    speed, half_track = 30.0, getattr(UNEQUAL, f"{axle}_half_track")
+
+    def remainders(size):
         lateral_rate, heading, yaw_rate = 1.0 * size, 0.05 * size, 0.4 * size
-        slips = analysis.wheel_slip_angles(vehicle, speed, lateral_rate, heading, yaw_rate)
-        front = (lateral_rate + vehicle.cg_to_front * yaw_rate) / speed - heading
-        rear = (lateral_rate - vehicle.cg_to_rear * yaw_rate) / speed - heading
-        return np.array(
-            [slips.front_left - front, slips.front_right - front, slips.rear_left - rear, slips.rear_right - rear]
-        )
+        slips = analysis.wheel_slip_angles(UNEQUAL, speed, lateral_rate, heading, yaw_rate)
+        left, right = getattr(slips, f"{axle}_left"), getattr(slips, f"{axle}_right")
+        book = (lateral_rate + arm * yaw_rate) / speed - heading
+        second = half_track * yaw_rate / speed * book
+        return np.array([left - book, right - book]), np.array([left - book - second, right - book + second])
 
-    np.testing.assert_allclose(remainder(1e-3) / remainder(5e-4), 4.0, rtol=0.01)
-    # Left and right differ by the half-track x yaw rate / speed, relative to the slip angle itself.
-    slips = analysis.wheel_slip_angles(vehicle, speed, 1.0, 0.0, 0.4)
-    difference = (slips.front_left - slips.front_right) / slips.front_left
-    assert difference == pytest.approx(2 * vehicle.front_half_track * 0.4 / speed, rel=0.02)
+    whole, beyond = remainders(0.01)
+    half, half_beyond = remainders(0.005)
+    np.testing.assert_allclose(whole / half, 4.0, rtol=0.02)
+    np.testing.assert_allclose(beyond / half_beyond, 8.0, rtol=0.02)
+    # The axle's force is that of the mean: no second order is left there.
+    assert np.sum(whole) / np.sum(half) == pytest.approx(8.0, rel=0.02)
 
 
-def test_modes_and_classification():
-    understeer = analysis.modes(vehicles["understeer"], 30.0)
-    pair = analysis.eigenvalues(vehicles["understeer"], 30.0)
-    assert understeer.natural_frequency == pytest.approx(np.abs(pair[0]))
-    assert understeer.damping_ratio == pytest.approx(-pair[0].real / np.abs(pair[0]))
-    assert understeer.time_to_double == np.inf
-    unstable = analysis.modes(vehicles["oversteer"], 43.0)
-    assert np.isnan(unstable.natural_frequency)
-    assert unstable.time_to_double == pytest.approx(
-        np.log(2) / max(analysis.eigenvalues(vehicles["oversteer"], 43.0).real)
-    )
-    assert [analysis.classification(vehicles[name]) for name in ("understeer", "neutral", "oversteer")] == [
-        "understeer",
-        "neutral",
-        "oversteer",
-    ]
+def test_four_wheels_with_half_an_axles_stiffness_give_equation_6_9():
+    """The linear force law at every wheel, Newton and Euler, (6.6)-(6.8), differentiated at straight running."""
+    speed, step = 30.0, 1e-4
+    front, rear = UNEQUAL.front_cornering_stiffness / 2.0, UNEQUAL.rear_cornering_stiffness / 2.0
+
+    def loads(lateral_rate, heading, yaw_rate):
+        slips = analysis.wheel_slip_angles(UNEQUAL, speed, lateral_rate, heading, yaw_rate)
+        forces = [
+            -front * slips.front_left,
+            -front * slips.front_right,
+            -rear * slips.rear_left,
+            -rear * slips.rear_right,
+        ]
+        arms = [x for x, _ in WHEELS.values()]
+        return np.array([np.sum(forces) * np.cos(heading), np.dot(arms, forces)])
+
+    by_rate, by_heading, by_yaw_rate = ((loads(*each) - loads(*-each)) / (2.0 * step) for each in step * np.eye(3))
+    matrices = analysis.inertial_matrices(UNEQUAL, speed)
+    np.testing.assert_array_equal(matrices.mass, [[UNEQUAL.mass, 0.0], [0.0, UNEQUAL.yaw_inertia]])
+    np.testing.assert_allclose(np.column_stack([by_rate, by_yaw_rate]), -matrices.damping, rtol=1e-7)
+    np.testing.assert_allclose(by_heading, -matrices.stiffness[:, 1], rtol=1e-7)
+    np.testing.assert_array_equal(matrices.stiffness[:, 0], 0.0)

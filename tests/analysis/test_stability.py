@@ -2,10 +2,11 @@
 
 import math
 
+import control
 import numpy as np
 import pytest
 
-from bicycle_env import Vehicle, analysis, vehicles
+from bicycle_env import Vehicle, analysis, simulate, vehicles
 
 SPEEDS = (3.0, 12.0, 25.0, 36.0, 50.0, 90.0)
 COORDINATES = ("body", "inertial")
@@ -53,6 +54,28 @@ def test_characteristic_polynomial_is_that_of_the_matrix(speed):
         expected = np.poly(matrix) * vehicle.mass * vehicle.yaw_inertia
         scale = vehicle.mass * vehicle.yaw_inertia * np.array([1.0, *np.cumprod([np.linalg.norm(matrix)] * 2)])
         np.testing.assert_allclose(polynomial / scale, expected / scale, rtol=0.0, atol=1e-12)
+
+
+def test_characteristic_polynomial_is_the_determinant():
+    """(6.25), (6.26) written out from (6.22), (6.23) without steering: V and r both as exp(s t)."""
+    for vehicle in random_vehicles():
+        speed = 31.0
+        a, b = vehicle.cg_to_front, vehicle.cg_to_rear
+        front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
+        coupling, turning = (a * front - b * rear) / speed, (a * a * front + b * b * rear) / speed
+        for s in (0.3 + 0.7j, -2.0 + 0.1j, 5.0):
+            rows = np.array(
+                [
+                    [vehicle.mass * s + (front + rear) / speed, vehicle.mass * speed + coupling],
+                    [coupling, vehicle.yaw_inertia * s + turning],
+                ]
+            )
+            polynomial = analysis.characteristic_polynomial(vehicle, speed)
+            assert np.polyval(polynomial, s) == pytest.approx(np.linalg.det(rows), rel=1e-9)
+            weights = np.diag([vehicle.mass, vehicle.yaw_inertia])
+            np.testing.assert_allclose(
+                weights @ (s * np.eye(2) - analysis.state_matrix(vehicle, speed)), rows, rtol=1e-12, atol=1e-6
+            )
 
 
 @pytest.mark.parametrize("coordinates", COORDINATES)
@@ -109,8 +132,11 @@ def test_stability_criterion_is_the_sign_of_the_largest_real_part():
     assert signs == {True, False}
 
 
-def test_stability_criterion_is_the_last_coefficient():
-    for vehicle in random_vehicles(10):
+def test_only_the_last_coefficient_can_be_negative():
+    """Why (6.14) alone decides: it is (6.13) for the constant term, which is the criterion."""
+    for vehicle in random_vehicles():
+        for speed in SPEEDS:
+            assert np.all(analysis.characteristic_polynomial(vehicle, speed)[:2] > 0.0)
         assert analysis.stability_criterion(vehicle, 20.0) == analysis.characteristic_polynomial(vehicle, 20.0)[-1]
 
 
@@ -177,6 +203,68 @@ def test_gradient_and_critical_speed_say_the_same():
             assert analysis.critical_speed(vehicle) == math.inf
 
 
+def test_classification():
+    words = {"understeer": "understeer", "neutral": "neutral", "oversteer": "oversteer", "me303": "oversteer"}
+    for name, word in {**words, **dict.fromkeys(("mendes", "cabrol", "civic", "tsx"), "understeer")}.items():
+        assert analysis.classification(vehicles[name]) == word, name
+
+
+def test_every_car_is_stable_at_low_speed_and_an_understeering_one_at_all():
+    understeering = 0
+    for vehicle in random_vehicles():
+        assert analysis.is_stable(vehicle, 1.0)
+        if vehicle.cg_to_rear * vehicle.rear_cornering_stiffness > (
+            vehicle.cg_to_front * vehicle.front_cornering_stiffness
+        ):
+            understeering += 1
+            for speed in (10.0, 100.0, 1e4):
+                assert np.all(analysis.eigenvalues(vehicle, speed).real < 0.0)
+    assert 10 < understeering < 50
+
+
+# Modes
+
+
+@pytest.mark.parametrize("name", ["understeer", "cabrol", "tsx"])
+def test_modes_are_those_that_python_control_finds(name):
+    vehicle, speed = vehicles[name], 30.0
+    found = analysis.modes(vehicle, speed)
+    frequencies, ratios, poles = control.damp(
+        analysis.transfer_function(vehicle, speed, "front_steer", "yaw_rate"), doprint=False
+    )
+    assert np.all(np.imag(poles) != 0.0)
+    np.testing.assert_allclose(frequencies, found.natural_frequency, rtol=1e-9)
+    np.testing.assert_allclose(ratios, found.damping_ratio, rtol=1e-9)
+    assert found.time_to_double == math.inf
+
+
+def test_modes_that_do_not_oscillate():
+    """Two real eigenvalues: their product is the frequency squared. An unstable car has neither figure."""
+    slow, fast = sorted(-analysis.eigenvalues(vehicles["oversteer"], 30.0).real)
+    found = analysis.modes(vehicles["oversteer"], 30.0)
+    assert found.natural_frequency == pytest.approx(math.sqrt(slow * fast), rel=1e-12)
+    assert found.damping_ratio == pytest.approx((slow + fast) / (2.0 * math.sqrt(slow * fast)), rel=1e-12)
+    assert found.damping_ratio > 1.0
+    unstable = analysis.modes(vehicles["oversteer"], 43.0)
+    assert math.isnan(unstable.natural_frequency)
+    assert math.isnan(unstable.damping_ratio)
+    assert unstable.time_to_double == analysis.stability(vehicles["oversteer"], 43.0).time_to_double
+
+
+@pytest.mark.parametrize("tire", ["linear", "tanh", "fiala", "magic_formula"])
+def test_the_simulated_car_takes_that_time_to_double(tire):
+    """The nonlinear model near straight running, once the decaying mode has died out."""
+    vehicle, speed = vehicles["oversteer"], 45.0
+    doubling = analysis.stability(vehicle, speed).time_to_double
+    run = simulate(
+        vehicle, speed, (0.0, 0.0), 3.0, tire, initial_state={"lateral_velocity": 1e-6}, timestep=doubling / 200
+    )
+    begin = np.searchsorted(run["time"], 2.0)
+    for name in ("lateral_velocity", "yaw_rate"):
+        later = np.interp(run["time"][begin] + doubling, run["time"], run[name])
+        assert later / run[name][begin] == pytest.approx(2.0, rel=1e-4)
+
+
 # Steady state
 
 
@@ -205,6 +293,24 @@ def test_gains_are_those_of_the_transfer_functions(speed):
             assert analysis.steady_state_gain(vehicle, speed, input=steer, output="sideslip") == pytest.approx(
                 expected[steer, "lateral_velocity"] / speed, rel=1e-9
             )
+
+
+def test_gradient_is_the_steer_beyond_geometry():
+    """steer = L/R + K ay: what K means."""
+    for vehicle in random_vehicles(20):
+        for speed in SPEEDS:
+            per_acceleration = 1.0 / analysis.steady_state_gain(vehicle, speed, output="lateral_acceleration")
+            expected = vehicle.wheelbase / speed**2 + analysis.understeer_gradient(vehicle)
+            assert per_acceleration == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("tire", ["fiala", "magic_formula"])
+@pytest.mark.parametrize(("steer", "input"), [((1e-6, 0.0), "front_steer"), ((0.0, 1e-6), "rear_steer")])
+def test_the_simulated_car_settles_at_the_gains(tire, steer, input):
+    run = simulate("understeer", 25.0, steer, 8.0, tire)
+    for output in ("lateral_velocity", "yaw_rate", "lateral_acceleration", "sideslip"):
+        gain = analysis.steady_state_gain("understeer", 25.0, input=input, output=output)
+        assert run[output][-1] / 1e-6 == pytest.approx(gain, rel=1e-4)
 
 
 def test_both_axles_steered_alike_leave_the_car_straight():
