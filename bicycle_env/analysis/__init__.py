@@ -1,5 +1,7 @@
-"""Closed forms of Karnopp, Vehicle Stability, ch. 6: stability, balance, linear models."""
+"""Closed forms of Karnopp, Vehicle Stability, ch. 6: stability, balance, linear models. Nonlinear steady states."""
 
+from bicycle_env.analysis.branches import Bifurcation, EquilibriumBranch, equilibrium_branches
+from bicycle_env.analysis.equilibria import Equilibrium, equilibria
 from bicycle_env.analysis.inertial import (
     InertialMatrices,
     WheelSlips,
@@ -7,6 +9,7 @@ from bicycle_env.analysis.inertial import (
     inertial_state_matrix,
     wheel_slip_angles,
 )
+from bicycle_env.analysis.nonlinear_model import Jacobians, jacobians
 from bicycle_env.analysis.recovery import RecoverableSet, recoverable_set
 from bicycle_env.analysis.stability import (
     Modes,
@@ -36,7 +39,11 @@ from bicycle_env.analysis.transfer_functions import (
 )
 
 __all__ = [
+    "Bifurcation",
+    "Equilibrium",
+    "EquilibriumBranch",
     "InertialMatrices",
+    "Jacobians",
     "Modes",
     "RecoverableSet",
     "Stability",
@@ -46,11 +53,14 @@ __all__ = [
     "classification",
     "critical_speed",
     "eigenvalues",
+    "equilibria",
+    "equilibrium_branches",
     "inertial_matrices",
     "inertial_state_matrix",
     "input_matrix",
     "is_minimum_phase",
     "is_stable",
+    "jacobians",
     "modes",
     "recoverable_set",
     "stability",
