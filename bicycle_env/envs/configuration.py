@@ -21,7 +21,7 @@ from bicycle_env.physics.single_track import Car, car_on_road
 from bicycle_env.physics.validation import checked_speed, choice, number, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.rewards import REWARDS
-from bicycle_env.tasks.task import Entry, Rules, Task
+from bicycle_env.tasks.task import SETTLED_SECONDS, Entry, Rules, Task
 
 STEER_MODES = ("front", "rear", "both")
 DEFAULT_SPEED_RATIO = 1.2
@@ -74,9 +74,14 @@ class Configuration:
         return self.task.settings(self.speed)
 
     @property
-    def end_names(self) -> tuple[str, str, str]:
-        """The words of the end codes 0, 1, 2 of ``bicycle_env.tasks.ends``."""
-        return ("", "spun", self.task.left_name)
+    def end_names(self) -> tuple[str, str, str, str]:
+        """The words of the end codes 0, 1, 2, 3 of ``bicycle_env.tasks.ends``."""
+        return ("", "spun", self.task.left_name, "invalid_action")
+
+    @property
+    def steps_to_settle(self) -> int:
+        """For how many control steps up to the time-out a car must have been settled: then it was a success."""
+        return math.ceil(SETTLED_SECONDS / self.control_timestep - 1e-9)
 
     def linear_model(self) -> LinearModel:
         """What one control step integrates, linearised at straight running."""

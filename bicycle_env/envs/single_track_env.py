@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
@@ -19,7 +18,7 @@ from bicycle_env.physics.actuators import FRONT, REAR, Actuator
 from bicycle_env.physics.single_track import Axles
 from bicycle_env.physics.validation import choice, flag, known_keys
 from bicycle_env.physics.vehicle import Vehicle
-from bicycle_env.tasks.task import SETTLED_SECONDS, Task, checked_state
+from bicycle_env.tasks.task import Task, checked_state
 
 RENDER_MODES = ("human", "rgb_array")
 FLOAT32 = np.dtype(np.float32)
@@ -206,8 +205,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     @property
     def is_success(self) -> bool:
         """Whether the car is running and has been settled for the last second: at a time-out, a success."""
-        needed = math.ceil(SETTLED_SECONDS / self.control_timestep - 1e-9)
-        return self._end_code == 0 and bool(self._memory[kernels.SETTLED] >= needed)
+        return self._end_code == 0 and bool(self._memory[kernels.SETTLED] >= self.configuration.steps_to_settle)
 
     def measure(self) -> dict[str, float]:
         """Slip angles, forces, accelerations and the reference in the present state, by the names of the telemetry."""

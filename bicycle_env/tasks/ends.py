@@ -8,7 +8,8 @@ from typing import Any
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.tasks.task import Reference, World
 
-RUNNING, SPUN, LEFT = 0, 1, 2
+RUNNING, SPUN, LEFT, INVALID_ACTION = 0, 1, 2, 3
+"""End codes. The last is not the car's doing: its action was not finite, where many cars may not stop for one."""
 
 
 def end_code(xp: Any) -> Callable[[CarState, Reference, World], Any]:

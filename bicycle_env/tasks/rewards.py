@@ -84,3 +84,13 @@ def worst_stage_cost(xp: Any) -> Callable[[Car, Any], Any]:
         )
 
     return worst_stage_cost
+
+
+def failure_cost(xp: Any) -> Callable[[Any, Car, Any], Any]:
+    """What an early end after a number of steps costs: the worst stage cost for every step that is left."""
+    worst = xp.function(worst_stage_cost(xp))
+
+    def failure_cost(steps: Any, car: Car, rules: Any) -> Any:
+        return xp.maximum(rules.horizon - steps, 0.0) * worst(car, rules)
+
+    return failure_cost

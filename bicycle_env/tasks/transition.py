@@ -9,7 +9,7 @@ from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import CarState, actuated_single_track
 from bicycle_env.physics.tires import Tire
 from bicycle_env.tasks.ends import corner_outside, end_code, settled
-from bicycle_env.tasks.rewards import bounded_reward, quadratic_reward, worst_stage_cost
+from bicycle_env.tasks.rewards import bounded_reward, failure_cost, quadratic_reward
 from bicycle_env.tasks.task import Memory, Task, World
 
 Law = Callable[..., Any]
@@ -39,7 +39,7 @@ def stages(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Stage
     cost_law = xp.function(corner_outside(xp))
     bounded = xp.function(bounded_reward(xp))
     quadratic = xp.function(quadratic_reward(xp))
-    worst = xp.function(worst_stage_cost(xp))
+    failure_law = xp.function(failure_cost(xp))
     is_quadratic = reward == "quadratic"
 
     def begin(state: CarState, memory: Memory, action: tuple[Any, Any], world: World) -> tuple[tuple[Any, Any], Any]:
@@ -64,9 +64,7 @@ def stages(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Stage
         cost = cost_law(state, reference, world)
         steps = memory.steps + 1.0
         if is_quadratic:
-            remaining = xp.maximum(rules.horizon - steps, 0.0)
-            failure = xp.where(end > 0, remaining * worst(car, rules), 0.0)
-            gained = stage - failure
+            gained = stage - xp.where(end > 0, failure_law(steps, car, rules), 0.0)
         else:
             gained = bounded(state, reference, action, memory, world)
         remembered = Memory(

@@ -1,0 +1,157 @@
+"""Many cars in one environment: vehicle, speed, speed_ratio and friction are given once for all, or once per car."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_env.analysis.linear_model import LinearModel
+from bicycle_env.analysis.stability import Stability
+from bicycle_env.envs.configuration import DEFAULT_SPEED_RATIO, Configuration, Configured, configure
+from bicycle_env.physics.presets import resolve_vehicle
+from bicycle_env.physics.single_track import Car, car_on_road
+from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.tasks.task import Task
+
+Column = NDArray[np.float64]
+"""(num_envs,): one number per car."""
+NUMBERS = ("speed", "speed_ratio", "friction")
+PER_CAR = ("vehicle", *NUMBERS)
+"""Keywords that take one value, or a sequence of num_envs of them."""
+
+
+class Fleet(NamedTuple):
+    """What an environment's cars are made of."""
+
+    configuration: Configuration
+    """The first car's; what it says beyond the fields below holds for all cars."""
+    varied: bool
+    """Whether a keyword was given per car: then the fields below are per car, too."""
+    vehicle: Vehicle | tuple[Vehicle, ...]
+    speed: float | Column
+    """m/s."""
+    friction: float | Column
+    car: Car
+    """Of floats or columns."""
+    settings: Any
+    """The task's numbers, floats; those that depend on the speed are columns if varied."""
+    observation_scale: NDArray[np.float64]
+    """(entries,), or (num_envs, entries) if varied."""
+
+
+def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> Fleet:
+    """Check the keywords of ``configure``, those in ``PER_CAR`` for every car.
+
+    Raises:
+        ValueError, TypeError: a bad keyword, named with its value and what is allowed, and the car that has it.
+    """
+    given = {name: value for name, value in keywords.items() if name in PER_CAR}
+    shared = {name: value for name, value in keywords.items() if name not in PER_CAR}
+    if not any(_is_sequence(value) for value in given.values()):
+        one = configure(task, **keywords)
+        return Fleet(one, False, one.vehicle, one.speed, one.friction, one.car, one.settings, one.observation_scale)
+
+    vehicles = _vehicles(given["vehicle"], num_envs)
+    columns = {name: _column(name, given[name], num_envs) for name in NUMBERS if _is_sequence(given[name])}
+
+    def configuration_of(row: int) -> Configuration:
+        numbers = {name: columns[name][row] if name in columns else given[name] for name in NUMBERS}
+        try:
+            return configure(task, vehicle=vehicles[row], **numbers, **shared)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"car {row}: {error}") from None
+
+    first = configuration_of(0)
+    groups: dict[Vehicle, list[int]] = {}
+    for row, vehicle in enumerate(vehicles):
+        groups.setdefault(vehicle, []).append(row)
+    for rows in groups.values():
+        # What is allowed is an interval: it holds all cars of a vehicle if it holds the least and the greatest of each
+        # number. The timestep, too: the fastest mode is the slowest car's, each |eigenvalue| falls with the speed.
+        ends = {rows[end(column[rows])] for column in columns.values() for end in (np.argmin, np.argmax)}
+        for row in sorted(ends | {rows[0]}):
+            configuration_of(row)
+
+    def column_of(name: str, otherwise: float) -> Column:
+        value = columns.get(name, otherwise if given[name] is None else given[name])
+        return np.broadcast_to(np.asarray(value, dtype=np.float64), num_envs)
+
+    ratio, friction = column_of("speed_ratio", DEFAULT_SPEED_RATIO), column_of("friction", 1.0)
+    speed = column_of("speed", 0.0).copy()
+    car = Car(*(np.empty(num_envs) for _ in Car._fields))
+    for vehicle, rows in groups.items():
+        if given["speed"] is None:
+            speed[rows] = ratio[rows] * vehicle.critical_speed
+        alike: Any = (speed[rows], friction[rows], first.front_actuator, first.rear_actuator)
+        for column, values in zip(car, car_on_road(vehicle, *alike), strict=True):
+            column[rows] = values
+    many: Any = speed  # tasks write settings and scales for one speed, or for an array of them
+    entries = task.entries(many, first.front_actuator.angle_limit, first.rear_actuator.angle_limit)
+    return Fleet(
+        first,
+        True,
+        tuple(vehicles),
+        speed,
+        friction,
+        car,
+        task.settings(many),
+        np.column_stack([np.broadcast_to(entry.scale, num_envs) for entry in entries]),
+    )
+
+
+class ConfiguredFleet(Configured):
+    """Gives an environment of many cars its configuration's fields as attributes.
+
+    If one was given per car, ``vehicle`` is a tuple of num_envs Vehicles, ``speed`` and ``friction`` are arrays
+    (num_envs,) and ``observation_scale`` is an array (num_envs, entries).
+    """
+
+    fleet: Fleet
+
+    def _adopt_fleet(self, fleet: Fleet) -> None:
+        self._adopt(fleet.configuration)
+        self.fleet = fleet
+        for name in ("vehicle", "speed", "friction", "observation_scale"):
+            setattr(self, name, getattr(fleet, name))
+
+    @property
+    def stability(self) -> Stability:
+        """Straight running without steering, if all cars are alike; ValueError otherwise."""
+        self._one_car("analysis.stability(vehicle, speed)")
+        return super().stability
+
+    def linear_model(self) -> LinearModel:
+        """What one control step integrates, linearised, if all cars are alike; ValueError otherwise."""
+        self._one_car("linear_model() of a single environment")
+        return super().linear_model()
+
+    def _one_car(self, instead: str) -> None:
+        if self.fleet.varied:
+            raise ValueError(f"the cars of this environment differ: ask {instead} for one of them")
+
+
+def _is_sequence(value: object) -> bool:
+    return isinstance(value, (list, tuple)) or getattr(value, "ndim", 0) > 0
+
+
+def _vehicles(value: Any, num_envs: int) -> list[Vehicle]:
+    if not _is_sequence(value):
+        return [resolve_vehicle(value)] * num_envs
+    if len(value) != num_envs:
+        raise ValueError(f"vehicle must be one vehicle or num_envs = {num_envs} of them, got {len(value)}")
+    return [resolve_vehicle(vehicle) for vehicle in value]
+
+
+def _column(name: str, value: Any, num_envs: int) -> Column:
+    try:
+        values = np.asarray(value)
+    except ValueError:
+        values = np.empty(0, dtype=object)
+    if values.dtype.kind not in "fiu":
+        raise TypeError(f"{name} must be one number or num_envs = {num_envs} of them, got {value!r}")
+    if values.shape != (num_envs,):
+        raise ValueError(f"{name} must be one number or num_envs = {num_envs} of them, got shape {values.shape}")
+    return values.astype(np.float64)
