@@ -296,17 +296,31 @@ def test_the_closed_loop_is_what_the_environment_does():
 
 @pytest.mark.parametrize("name", ["speed-dependent", "yaw-rate"])
 def test_the_drivers_model_is_the_car_with_the_law(name):
-    env = linear_plant(vehicle="civic", speed=30.0)
+    env = plant(vehicle="civic", speed=30.0, front_actuator=Actuator(angle_limit=0.4))
     model, law = env.linear_model(), REAR_LAWS[name](env)
     known = law.front_model()
-    rng = np.random.default_rng(3)
-    x, front = rng.normal(size=6), 0.3
-    rear = (law.ratio * front * 0.5 + law.yaw_rate_gain * x[3]) / 0.5
-    np.testing.assert_allclose(known.A @ x + known.B[:, 0] * front, model.A @ x + model.B @ [front, rear], rtol=1e-9)
+    x, front = 0.01 * np.random.default_rng(3).normal(size=6), 0.03
+    observation = np.zeros(8)
+    observation[3] = x[3] / env.observation_scale[3]
+    rear = law.act(np.float64(front), observation)
+    assert 0.01 < abs(rear) < 0.9
+    np.testing.assert_allclose(known.A @ x + known.B[:, 0] * front, model.A @ x + model.B @ [front, rear], rtol=1e-6)
     assert known.B.shape == (6, 1)
     assert known.R.shape == (1, 1)
     assert known.input_names == ("front_steer_command",)
-    assert known.input_scale.tolist() == [0.5]
+    assert known.input_scale.tolist() == [0.4]
+
+
+@every_vehicle
+@pytest.mark.parametrize("speed", [12.0, 25.0, 45.0])
+@pytest.mark.parametrize("name_of_law", ["speed-dependent", "zero-sideslip", "yaw-rate"])
+def test_steady_turns_have_no_sideslip(name, speed, name_of_law):
+    env = plant(vehicle=name, speed=speed)
+    law = REAR_LAWS[name_of_law](env)
+    A = yaw_rate_feedback_matrix(env.vehicle, speed, law.yaw_rate_gain)
+    lateral_velocity, yaw_rate = -np.linalg.solve(A, analysis.input_matrix(env.vehicle, speed) @ [1.0, law.ratio])
+    assert abs(lateral_velocity) < 1e-9 * speed
+    assert yaw_rate == pytest.approx(zero_sideslip_yaw_rate(env.vehicle, speed)[0], rel=1e-6)
 
 
 # Sano's law
