@@ -10,6 +10,7 @@ from bicycle_env.analysis.inertial import (
     wheel_slip_angles,
 )
 from bicycle_env.analysis.nonlinear_model import Jacobians, jacobians
+from bicycle_env.analysis.phase_plane import Manifold, Orbit, PhasePortrait, phase_portrait
 from bicycle_env.analysis.recovery import RecoverableSet, recoverable_set
 from bicycle_env.analysis.stability import (
     Modes,
@@ -44,7 +45,10 @@ __all__ = [
     "EquilibriumBranch",
     "InertialMatrices",
     "Jacobians",
+    "Manifold",
     "Modes",
+    "Orbit",
+    "PhasePortrait",
     "RecoverableSet",
     "Stability",
     "WheelSlips",
@@ -62,6 +66,7 @@ __all__ = [
     "is_stable",
     "jacobians",
     "modes",
+    "phase_portrait",
     "recoverable_set",
     "stability",
     "stability_criterion",
