@@ -1,4 +1,4 @@
-"""Stability, understeer and oversteer: closed forms of Karnopp, Vehicle Stability, (6.9)-(6.17) and (6.24)-(6.27).
+"""Stability, understeer and oversteer: closed forms of Karnopp, Vehicle Stability, (6.9)-(6.17) and (6.22)-(6.27).
 
 Every function takes a Vehicle or a preset's name; ValueError or TypeError for anything else.
 """
@@ -42,7 +42,7 @@ def static_margin(vehicle: str | Vehicle) -> float:
     """(a Cf - b Cr) / ((a+b)(Cf + Cr)), dimensionless; negative = understeer."""
     vehicle = resolve_vehicle(vehicle)
     total = vehicle.front_cornering_stiffness + vehicle.rear_cornering_stiffness
-    return -_balance(vehicle) / (vehicle.wheelbase * total)
+    return (0.0 - _balance(vehicle)) / (vehicle.wheelbase * total)  # not -0 for a neutral car
 
 
 def tangent_speed(vehicle: str | Vehicle) -> float:
@@ -69,12 +69,12 @@ def is_stable(vehicle: str | Vehicle, speed: float) -> bool:
 
 
 def state_matrix(vehicle: str | Vehicle, speed: float) -> NDArray[np.float64]:
-    """A (2, 2), body-fixed, (6.24); state (lateral_velocity, yaw_rate). Raises as :func:`stability_criterion`."""
+    """A (2, 2), body-fixed (6.22)-(6.24), state (lateral_velocity, yaw_rate). Raises as :func:`stability_criterion`."""
     return linear_single_track.state_matrix(resolve_vehicle(vehicle), positive("speed", speed))
 
 
 def input_matrix(vehicle: str | Vehicle, speed: float) -> NDArray[np.float64]:
-    """B (2, 2), body-fixed, (6.24); inputs (front_steer, rear_steer). Raises as :func:`stability_criterion`."""
+    """B (2, 2), body-fixed (6.22)-(6.24), inputs (front_steer, rear_steer). Raises as :func:`stability_criterion`."""
     positive("speed", speed)
     return linear_single_track.input_matrix(resolve_vehicle(vehicle))
 
@@ -143,7 +143,7 @@ def modes(vehicle: str | Vehicle, speed: float) -> Modes:
     leading, damping, constant = characteristic_polynomial(vehicle, speed)
     frequency = math.sqrt(constant / leading) if constant > 0.0 else math.nan
     ratio = damping / (2.0 * leading * frequency) if constant > 0.0 else math.nan
-    return Modes(frequency, ratio, stability(vehicle, speed).time_to_double)
+    return Modes(frequency, float(ratio), stability(vehicle, speed).time_to_double)
 
 
 def classification(vehicle: str | Vehicle) -> str:
