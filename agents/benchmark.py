@@ -13,7 +13,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -22,13 +22,13 @@ from rich.progress import Progress
 
 from agents import messages, pictures, settings
 from agents.episodes import evaluate, hardest_saved, summarise
-from agents.evaluate import COLUMNS, MORE_COLUMNS, console_for_tables, make_env, table
+from agents.evaluate import COLUMNS, MORE_COLUMNS, console_for_tables, find_policy, make_env, table
 from agents.messages import UserError
 from agents.statistics import bootstrap, iqm
 from bicycle_env import control, provenance
 from bicycle_env.files import write_json
 
-CONTROLLERS = ("lqr", "zero")
+ALWAYS = ("lqr", "zero")
 
 
 @dataclass
@@ -43,6 +43,8 @@ class Args:
     """How many: 0, 1, 2, ..."""
     episodes: int = 200
     """Starts of the evaluation, the same for every policy."""
+    controllers: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME [NAME ...]")] = ()
+    """Other controllers that drive the same starts beside lqr and zero, by the names that agents.evaluate lists."""
     evaluation_seed: int = 1
     """Seed of these starts."""
     total_timesteps: int | None = None
@@ -106,16 +108,14 @@ def main() -> int:
     if args.seeds < 1 or args.jobs < 1:
         raise UserError(f"--seeds and --jobs must be at least 1, got {args.seeds} and {args.jobs}")
     console = console_for_tables()
+    env = make_env(args.env_id, {"telemetry": True})
+    by_name = {name: find_policy(name, env) for name in (*ALWAYS, *args.controllers)}
     total = args.total_timesteps or settings.read(args.env_id, args.algo).total_timesteps
     folder = args.runs or Path("runs") / time.strftime(f"benchmark-{args.env_id}-{args.algo}-%Y%m%d-%H%M%S")
     console.print(f"training {args.algo.upper()} on {args.env_id}, {args.seeds} seeds of {total:,} steps, in {folder}")
     folders = train_all(args, folder, total)
 
-    env = make_env(args.env_id, {"telemetry": True})
-    plant: Any = env.unwrapped
-    by_hand = {
-        name: evaluate(env, control.make(name, plant), args.episodes, args.evaluation_seed) for name in CONTROLLERS
-    }
+    by_hand = {name: evaluate(env, policy, args.episodes, args.evaluation_seed) for name, policy in by_name.items()}
     controllers = {name: summarise(driven) for name, driven in by_hand.items()}
     learned = [evaluate(env, control.load(place), args.episodes, args.evaluation_seed) for place in folders]
     seeds = [summarise(driven) for driven in learned]
@@ -135,7 +135,8 @@ def main() -> int:
     write_json(
         out,
         {
-            "command": f"python -m agents.benchmark --env-id {args.env_id} --algo {args.algo} --seeds {args.seeds}",
+            "command": f"python -m agents.benchmark --env-id {args.env_id} --algo {args.algo} --seeds {args.seeds}"
+            + (f" --controllers {' '.join(args.controllers)}" if args.controllers else ""),
             **provenance.collect(),
             "env_id": args.env_id,
             "algo": args.algo,
@@ -156,7 +157,7 @@ def main() -> int:
         curves,
     )
     median = int(np.argsort(shares)[len(shares) // 2])
-    drivers = {name: control.make(name, plant) for name in reversed(CONTROLLERS)}
+    drivers = {name: by_name[name] for name in reversed(ALWAYS)}
     start = hardest_saved(by_hand["lqr"], learned[median], args.evaluation_seed)
     pictures.drive(env, {**drivers, "learned": control.load(folders[median])}, start, drive)
     slowest = max(training["seconds"] for training in trainings)

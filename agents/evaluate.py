@@ -34,7 +34,7 @@ class Args:
     env_id: str = "BicycleStab-v0"
     """Environment id."""
     policy: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME|FOLDER [NAME|FOLDER ...]")] = ("lqr", "zero")
-    """Controllers by name (lqr, zero) or folders with policy.safetensors and policy.json, as train writes them."""
+    """Controllers by name, listed above, or folders with policy.safetensors and policy.json, as train writes them."""
     episodes: int = 100
     """Episodes per policy."""
     seed: int = 1
@@ -86,11 +86,12 @@ def parse_keywords(text: str) -> dict[str, Any]:
 def find_policy(name: str, env: gym.Env) -> control.Policy:
     """A controller by its name, or a trained policy by its folder, checked against the environment."""
     plant: Any = env.unwrapped
-    if name in control.POLICIES:
-        return control.make(name, plant)
-    if not Path(name).is_dir():
-        names = ", ".join(control.POLICIES)
-        raise UserError(f"policy must be one of {names}, or a folder of a trained policy; got {name!r}")
+    if name in control.NAMES or not Path(name).is_dir():
+        try:
+            return control.make(name, env)
+        except ValueError as error:
+            missing = "" if name in control.NAMES else f" There is no folder {name!r} of a trained policy either."
+            raise UserError(f"{error}{missing}") from None
     try:
         network = control.load(name)
     except ValueError as error:
@@ -103,6 +104,13 @@ def find_policy(name: str, env: gym.Env) -> control.Policy:
             f"actions; this environment has {len(expected)} and {axles}"
         )
     return network
+
+
+def list_of_controllers() -> str:
+    """The names that a command takes as a policy, with a line about each, for its --help."""
+    rows = {**control.descriptions(), "DRIVER": f"{' or '.join(control.DRIVERS)}, for example preview+sano"}
+    width = max(map(len, rows))
+    return "\n".join(["Controllers by name:", *(f"  {name:{width}}  {text}" for name, text in rows.items())])
 
 
 def table(title: str, rows: dict[str, dict[str, Any]]) -> Table:
@@ -131,7 +139,7 @@ def console_for_tables() -> Console:
 
 
 def main() -> None:
-    args = tyro.cli(Args, prog="python -m agents.evaluate", description=__doc__)
+    args = tyro.cli(Args, prog="python -m agents.evaluate", description=f"{__doc__}\n{list_of_controllers()}")
     if args.episodes < 1:
         raise UserError(f"--episodes must be at least 1, got {args.episodes}")
     if args.seed < 0:

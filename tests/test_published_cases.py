@@ -81,15 +81,39 @@ def mendes_matrices(parameters):
 
 
 def mendes_gain(parameters):
-    from bicycle_env.control.lqr import continuous_gain
+    from bicycle_env.control.design import continuous_gain
 
     a, b = np.zeros((4, 4)), np.zeros((4, 1))
     a[0, 1] = a[0, 2] = parameters["U"]
     a[1, 3] = 1.0
     a[2:, 2:], b[2:, 0] = mendes_body_matrices(parameters)
-    gain = np.asarray(continuous_gain(a, b, np.diag(np.array(parameters["Q"], float)), np.array([[1.0]])))
+    gain, _ = continuous_gain(a, b, np.diag(np.array(parameters["Q"], float)), np.array([[1.0]]))
     assert gain.shape == (1, 4)
     return gain[0]
+
+
+# PYCTRL-KIN: kinematic steering of Astrom and Murray, state feedback and observer by pole placement
+
+
+def second_order_poles(frequency, damping):
+    return frequency * np.array(
+        [complex(-damping, math.sqrt(1 - damping**2)), complex(-damping, -math.sqrt(1 - damping**2))]
+    )
+
+
+def kinematic_gain(parameters):
+    from bicycle_env.control.design import pole_placement_gain, reference_gain
+
+    a, b = np.array(parameters["A"]), np.array(parameters["B"], float)[:, None]
+    gain = pole_placement_gain(a, b, second_order_poles(parameters["wc"], parameters["zeta"]))
+    return [*gain[0], reference_gain(a, b, np.array([[1.0, 0.0]]), gain)[0, 0]]
+
+
+def kinematic_observer_gain(parameters):
+    from bicycle_env.control.design import observer_gain
+
+    a, c = np.array(parameters["A"]), np.array(parameters["C"], float)[None]
+    return observer_gain(a, c, second_order_poles(parameters["wo"], parameters["zeta"]))[:, 0]
 
 
 # CABROL: steady cornering of an understeering car
@@ -197,6 +221,8 @@ COMPUTED = {
     "ME303-STEP.r": lambda parameters: me303_amplitudes(parameters, 1),
     "MENDES-LQR.AB": mendes_matrices,
     "MENDES-LQR.K": mendes_gain,
+    "PYCTRL-KIN.K": kinematic_gain,
+    "PYCTRL-KIN.L": kinematic_observer_gain,
     "CABROL.forces": cabrol_forces,
     "CABROL.slip": cabrol_slip_angles,
     "CABROL.K": cabrol_gradient,
@@ -217,8 +243,6 @@ COMPUTED = {
 
 SKIPPED = {
     "MENDES-SKIDPAD-R.full": "its forward speed is free; this package holds the speed constant (see .constU)",
-    "PYCTRL-KIN.K": "pole placement belongs to the control issue, which is not built yet",
-    "PYCTRL-KIN.L": "observers belong to the control issue, which is not built yet",
     **{case["id"]: "no ISO 3888 double lane change in the package yet" for case in CASES if "ISO3888" in case["id"]},
     **{case["id"]: "no FMVSS 126 sine with dwell in the package yet" for case in CASES if "FMVSS126" in case["id"]},
 }

@@ -26,7 +26,7 @@ class LinearModel(NamedTuple):
     R: NDArray[np.float64]
     """(steered axles, steered axles), diagonal."""
     timestep: float
-    """Control timestep, s."""
+    """Control timestep, s; 0 where the model is x' = A x + B u, in continuous time."""
     state_names: tuple[str, ...]
     input_names: tuple[str, ...]
     input_scale: NDArray[np.float64]

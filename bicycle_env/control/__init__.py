@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
-from bicycle_env.control.lqr import LQR, Weights
+from bicycle_env.control.driver import DRIVERS
+from bicycle_env.control.four_wheel_steer import REAR_LAWS, DriverAndLaw
+from bicycle_env.control.lqg import LQG
+from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, Weights
 from bicycle_env.control.network import Network, load
+from bicycle_env.control.pole_placement import PolePlacement
 from bicycle_env.control.policy import Plant, Policy, Zero
-from bicycle_env.physics.validation import choice
+from bicycle_env.control.registry import NAMES, POLICIES, descriptions, make
 
-POLICIES: dict[str, type[Zero] | type[LQR]] = {"zero": Zero, "lqr": LQR}
-"""The controllers that ``make`` knows by name."""
-
-__all__ = ["LQR", "POLICIES", "Network", "Plant", "Policy", "Weights", "Zero", "load", "make"]
-
-
-def make(name: str, env: Plant) -> Policy:
-    """A controller by name, designed for an environment (``env.unwrapped``); ValueError for an unknown name."""
-    return POLICIES[choice("policy", name, POLICIES)](env)
+__all__ = [
+    "DRIVERS",
+    "LQG",
+    "LQR",
+    "NAMES",
+    "POLICIES",
+    "REAR_LAWS",
+    "ContinuousLQR",
+    "DriverAndLaw",
+    "Network",
+    "Plant",
+    "PolePlacement",
+    "Policy",
+    "ScheduledLQR",
+    "Weights",
+    "Zero",
+    "descriptions",
+    "load",
+    "make",
+]

@@ -1,62 +1,24 @@
-"""Linear-quadratic regulators: gains from scipy's Riccati solvers, and a policy for tasks with and without preview."""
+"""Linear-quadratic regulators with optimal preview: discrete, continuous, and scheduled over the speed."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.interpolate
-import scipy.linalg
 from numpy.typing import NDArray
 
-from bicycle_env.analysis.linear_model import STATE_NAMES
+from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuous_model, rk4_map
+from bicycle_env.control.design import continuous_preview_gain, preview_gain, zero_order_hold
 from bicycle_env.control.policy import Array, Plant, Policy
+from bicycle_env.control.reading import Reading, interpolation
+from bicycle_env.physics.validation import checked_speed, choice, number
 
 Matrix = NDArray[np.float64]
 
-
-def continuous_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> Matrix:
-    """K (inputs, states) of u = -K x that minimises the integral of x'Qx + u'Ru along x' = A x + B u."""
-    P = scipy.linalg.solve_continuous_are(A, B, Q, R)
-    return np.linalg.solve(np.atleast_2d(R), B.T @ P)
-
-
-def discrete_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> tuple[Matrix, Matrix]:
-    """K of u = -K x that minimises the sum of x'Qx + u'Ru along x+ = A x + B u, and P: the least cost is x'Px."""
-    P = scipy.linalg.solve_discrete_are(A, B, Q, R)
-    K: Any = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
-    return K, P
-
-
-def preview_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix, reference: Matrix, horizon: int) -> tuple[Matrix, Matrix]:
-    """Gains of u = -K x - G w for the cost (x - M w)'Q(x - M w) + u'Ru with a previewed signal w.
-
-    Discrete-time optimal preview control (M. Tomizuka, J. Dyn. Syst. Meas. Control 97, 1975; for cars R. S. Sharp and
-    V. Valtetsiotis, Vehicle System Dynamics Suppl. 35, 2001). w holds the signal now and in the next `horizon` steps;
-    it moves up one place a step and its last value is held.
-
-    Args:
-        reference: M, (states, horizon + 1), the wanted state as a linear function of w.
-        horizon: how many future values are known.
-
-    Returns:
-        K (inputs, states) and G (inputs, horizon + 1).
-    """
-    K, P = discrete_gain(A, B, Q, R)
-    shift = np.eye(horizon + 1, k=1)
-    shift[-1, -1] = 1.0
-    closed = (A - B @ K).T
-    # S of the cross term 2 x'Sw in the cost to go: S = (A - BK)' S D - Q M. The loop is a contraction.
-    S = np.zeros((len(A), horizon + 1))
-    for _ in range(100_000):
-        new = closed @ S @ shift - Q @ reference
-        if np.max(np.abs(new - S)) <= 1e-12 * np.max(np.abs(new)):
-            break
-        S = new
-    G: Any = np.linalg.solve(R + B.T @ P @ B, B.T @ S @ shift)
-    return K, G
+DISCRETISATIONS = ("rk4", "zoh")
 
 
 class Weights(NamedTuple):
@@ -69,6 +31,12 @@ class Weights(NamedTuple):
     front_command: float
     rear_command: float
 
+    def matrices(self, speed: float, input_names: Iterable[str]) -> tuple[Matrix, Matrix]:
+        """Q (6, 6) on ``STATE_NAMES`` and R on the actions; sideslip is V/U."""
+        states = [self.lateral_position, self.heading, self.sideslip / speed**2, self.yaw_rate, 0.0, 0.0]
+        commands = {"front_steer_command": self.front_command, "rear_steer_command": self.rear_command}
+        return np.diag(states), np.diag([commands[name] for name in input_names])
+
 
 def tuned_weights(task_name: str) -> Weights:
     """The weights that agents/tune_lqr.py found for a task."""
@@ -76,66 +44,186 @@ def tuned_weights(task_name: str) -> Weights:
     return Weights(**json.loads(text)[task_name]["weights"])
 
 
-class LQR(Policy):
-    """Discrete LQR on the full state, with optimal preview where the task shows the path ahead.
+def continuous_design_model(plant: Plant, speed: float | None = None) -> LinearModel:
+    """x' = A x + B u of a plant with its actuators, u the action, at its own or at another speed [m/s]; timestep 0."""
+    model = plant.linear_model()
+    speed = plant.speed if speed is None else checked_speed(speed)
+    A, B = continuous_model(plant.vehicle, speed, (plant.front_actuator, plant.rear_actuator))
+    columns = [("front_steer_command", "rear_steer_command").index(name) for name in model.input_names]
+    return model._replace(A=A, B=B[:, columns] * model.input_scale, timestep=0.0)
 
-    It is designed for the environment that it is given (its vehicle, speed, actuators, control timestep), linearised
-    at straight running, without any limit; its action is clipped. ``weights`` defaults to the tuned ones of the task.
-    Attributes: ``gain`` (axles, 6) on the states ``STATE_NAMES``, ``preview`` (axles, points) on the lateral
-    distances to the path, now and at the preview times, and the ``model`` that it was designed for.
+
+def design_model(plant: Plant, speed: float | None = None, discretisation: str = "rk4") -> LinearModel:
+    """x+ = A x + B u of one control step, u the action, at the plant's own or at another speed [m/s].
+
+    "rk4" is what the environment integrates, "zoh" the exact zero-order hold. ValueError for another word.
+    """
+    choice("discretisation", discretisation, DISCRETISATIONS)
+    model = plant.linear_model()
+    if speed is None and discretisation == "rk4":
+        return model
+    continuous = continuous_design_model(plant, speed)
+    if discretisation == "zoh":
+        A, B = zero_order_hold(continuous.A, continuous.B, model.timestep)
+    else:
+        A, B = rk4_map(continuous.A, continuous.B, model.timestep, plant.substeps)
+    return model._replace(A=A, B=B)
+
+
+class StateFeedback(Policy):
+    """Base of the linear controllers: action = -gain x + feedforward' observation, clipped.
+
+    x are the states ``STATE_NAMES``, lateral positions counted from the car, so that the first is 0 and the path comes
+    in by the feedforward. Attributes: ``gain`` (axles, 6) and the ``model`` that it was designed for.
     """
 
-    name = "lqr"
+    model: LinearModel
+    gain: Matrix
 
-    def __init__(self, plant: Plant, weights: Weights | None = None) -> None:
-        weights = tuned_weights(plant.task.name) if weights is None else weights
-        self.model = plant.linear_model()
-        speed, timestep = plant.speed, self.model.timestep
-        Q = np.diag(
-            [weights.lateral_position, weights.heading, weights.sideslip / speed**2, weights.yaw_rate, 0.0, 0.0]
-        )
-        commands = {"front_steer_command": weights.front_command, "rear_steer_command": weights.rear_command}
-        R = np.diag([commands[name] for name in self.model.input_names])
-
-        times = np.array([0.0, *plant.task.preview_times])
-        horizon = max(2, round(times[-1] / timestep))
-        self.gain, gain = preview_gain(
-            self.model.A, self.model.B, Q, R, _wanted(speed * timestep, timestep, horizon), horizon
-        )
-        self.preview = gain @ _spline(times, np.arange(horizon + 1) * timestep)
-
-        # One matrix from the scaled observation to the action: distances are relative, so y itself drops out.
-        names, scale = plant.observation_names, plant.observation_scale
-        self._matrix = np.zeros((len(names), len(self.model.input_names)))
-        for j, state in enumerate(STATE_NAMES[1:], start=1):
-            self._matrix[names.index(state)] -= self.gain[:, j]
-        error = "lateral_error" if "lateral_error" in names else "lateral_position"
-        self._matrix[names.index(error)] += self.preview[:, 0]
-        if len(times) > 1:
-            self._matrix[-(len(times) - 1) :] -= self.preview[:, 1:].T
-        self._matrix *= scale[:, None]
+    def __init__(self, plant: Plant, model: LinearModel, gain: Matrix, feedforward: Matrix) -> None:
+        self.model, self.gain = model, gain
+        self._matrix = feedforward - Reading(plant).state_feedback(gain)
 
     def act(self, observation: Array) -> NDArray[np.float32]:
         action: Any = np.clip(observation @ self._matrix, -1.0, 1.0)
         return np.asarray(action, np.float32)
 
 
-def _wanted(step_length: float, timestep: float, horizon: int) -> Matrix:
+class LQR(StateFeedback):
+    """Discrete LQR on the full state, with optimal preview where the task shows the path ahead.
+
+    It is designed for the environment that it is given (its vehicle, speed, actuators, control timestep), linearised
+    at straight running, without any limit; its action is clipped. ``weights`` defaults to the tuned ones of the task,
+    ``discretisation`` to "rk4", the map that the environment integrates; "zoh" is the exact zero-order hold.
+
+    Attributes: ``gain`` (axles, 6) on the states ``STATE_NAMES``, ``preview`` (axles, points) on the lateral
+    distances to the path, now and at the preview times, and the ``model`` that they were designed for.
+    """
+
+    name = "lqr"
+
+    def __init__(self, plant: Plant, weights: Weights | None = None, discretisation: str = "rk4") -> None:
+        model = design_model(plant, None, discretisation)
+        gain, self.preview = discrete_design(plant, model, plant.speed, weights)
+        super().__init__(plant, model, gain, -Reading(plant).path_feedback(self.preview))
+
+
+class ContinuousLQR(StateFeedback):
+    """LQR designed in continuous time, with the actuators' lags as states; the control step's hold is not in it.
+
+    Attributes as those of :class:`LQR`; the model's timestep is 0.
+    """
+
+    name = "lqr-continuous"
+
+    def __init__(self, plant: Plant, weights: Weights | None = None) -> None:
+        weights = tuned_weights(plant.task.name) if weights is None else weights
+        model = continuous_design_model(plant)
+        Q, R = weights.matrices(plant.speed, model.input_names)
+        times = Reading(plant).times
+        intervals = 4 * max(1, round(times[-1] / plant.control_timestep)) if len(times) > 1 else 0
+        grid = np.linspace(0.0, times[-1], intervals + 1)
+        wanted = np.zeros((len(grid), len(STATE_NAMES), len(times)))
+        wanted[:, 0] = interpolation(times, grid)
+        wanted[:, 1] = interpolation(times, grid, 1) / plant.speed  # heading = y' / U
+        wanted[:, 3] = interpolation(times, grid, 2) / plant.speed
+        step = times[-1] / max(intervals, 1)
+        gain, self.preview = continuous_preview_gain(model.A, model.B, Q, R, wanted, step)
+        super().__init__(plant, model, gain, -Reading(plant).path_feedback(self.preview))
+
+
+class ScheduledLQR(Policy):
+    """Discrete LQR with its gains scheduled over the speed: designed at the nodes, interpolated linearly between them.
+
+    It acts with the gain at ``speed``, at first the plant's; assign the car's present speed [m/s] to it, or one per
+    car, where that is not the speed of the design. Attributes: ``speeds`` (nodes,), ``model`` at the plant's speed.
+
+    Args:
+        speeds: nodes, rising; the plant's speed within them. By default nine from 0.6 to 1.4 times the plant's speed.
+        weights: by default the tuned ones of the task.
+
+    Raises:
+        ValueError, TypeError: nodes that do not rise or do not enclose the plant's speed, a speed outside of them.
+    """
+
+    name = "scheduled-lqr"
+
+    def __init__(self, plant: Plant, speeds: Iterable[float] | None = None, weights: Weights | None = None) -> None:
+        nodes = plant.speed * np.linspace(0.6, 1.4, 9) if speeds is None else speeds
+        self.speeds = np.array([checked_speed(node, "speeds") for node in nodes])
+        if len(self.speeds) < 2 or np.any(np.diff(self.speeds) <= 0.0):
+            raise ValueError(f"speeds must be at least two rising values, got {self.speeds.tolist()}")
+        self.model = plant.linear_model()
+        designs = [discrete_design(plant, design_model(plant, node), node, weights) for node in self.speeds]
+        self._gains = np.array([gain for gain, _ in designs])
+        self._previews = np.array([preview for _, preview in designs])
+        self._reading = Reading(plant)
+        self.speed = plant.speed
+
+    @property
+    def speed(self) -> Any:
+        """The speed [m/s] that it acts for: one value, or (cars,)."""
+        return self._speed
+
+    @speed.setter
+    def speed(self, speed: Any) -> None:
+        values = [self._checked(value) for value in np.atleast_1d(speed)]
+        matrices = [
+            -self._reading.state_feedback(self.gain_at(value)) - self._reading.path_feedback(self.preview_at(value))
+            for value in values
+        ]
+        self._speed = values[0] if np.ndim(speed) == 0 else np.array(values)
+        self._matrix = matrices[0] if np.ndim(speed) == 0 else np.array(matrices)
+
+    def gain_at(self, speed: float) -> Matrix:
+        """K (axles, 6) at a speed [m/s] within the nodes; ValueError or TypeError otherwise."""
+        return self._between(self._gains, self._checked(speed))
+
+    def preview_at(self, speed: float) -> Matrix:
+        """G (axles, points) at a speed [m/s] within the nodes; ValueError or TypeError otherwise."""
+        return self._between(self._previews, self._checked(speed))
+
+    def act(self, observation: Array) -> NDArray[np.float32]:
+        action: Any = observation @ self._matrix if self._matrix.ndim == 2 else self._per_car(np.asarray(observation))
+        return np.asarray(np.clip(action, -1.0, 1.0), np.float32)
+
+    def _per_car(self, observation: Array) -> Any:
+        if observation.shape[:-1] != (len(self._matrix),):
+            raise ValueError(f"observation must be of {len(self._matrix)} cars, one per speed; got {observation.shape}")
+        return np.einsum("ce,cea->ca", observation, self._matrix)
+
+    def _checked(self, speed: object) -> float:
+        return number("speed", speed, float(self.speeds[0]), float(self.speeds[-1]))
+
+    def _between(self, tables: Matrix, speed: float) -> Matrix:
+        upper = min(max(int(np.searchsorted(self.speeds, speed)), 1), len(self.speeds) - 1)
+        low, high = self.speeds[upper - 1], self.speeds[upper]
+        share = (speed - low) / (high - low)
+        table: Matrix = (1.0 - share) * tables[upper - 1] + share * tables[upper]
+        return table
+
+
+def discrete_design(plant: Plant, model: LinearModel, speed: float, weights: Weights | None) -> tuple[Matrix, Matrix]:
+    """Gain (axles, 6) and preview (axles, points) of the discrete LQR for a model at a speed [m/s]."""
+    weights = tuned_weights(plant.task.name) if weights is None else weights
+    Q, R = weights.matrices(speed, model.input_names)
+    times = Reading(plant).times
+    horizon = preview_steps(times, model.timestep)
+    wanted = wanted_states(speed * model.timestep, model.timestep, horizon)
+    gain, per_step = preview_gain(model.A, model.B, Q, R, wanted, horizon)
+    steps = np.linspace(0.0, horizon * model.timestep, horizon + 1)
+    return gain, per_step @ interpolation(times, steps)
+
+
+def preview_steps(times: Matrix, timestep: float) -> int:
+    """How many control steps the preview reaches; at least two, from which a curvature can be made."""
+    return max(2, round(float(times[-1]) / timestep))
+
+
+def wanted_states(step_length: float, timestep: float, horizon: int) -> Matrix:
     """M (6, horizon + 1): lateral position, heading and yaw rate of the path, by differences of its positions."""
     wanted = np.zeros((len(STATE_NAMES), horizon + 1))
     wanted[0, 0] = 1.0
     wanted[1, :2] = np.array([-1.0, 1.0]) / step_length
     wanted[3, :3] = np.array([1.0, -2.0, 1.0]) / (step_length * timestep)
     return wanted
-
-
-def _spline(times: Matrix, grid: Matrix) -> Matrix:
-    """(grid, times): interpolation as a matrix, the last value held."""
-    if len(times) == 1:
-        return np.ones((len(grid), 1))
-    if len(times) == 2:
-        share = np.clip(grid / times[1], 0.0, 1.0)
-        return np.stack([1.0 - share, share], axis=1)
-    spline = scipy.interpolate.CubicSpline(times, np.eye(len(times)), bc_type="natural")
-    matrix: Matrix = spline(np.minimum(grid, times[-1]))
-    return matrix

@@ -12,7 +12,7 @@ from bicycle_env.analysis.linear_model import LinearModel
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.tires import Tire
 from bicycle_env.physics.vehicle import Vehicle
-from bicycle_env.tasks.task import Task
+from bicycle_env.tasks.task import Rules, Task
 
 Array = NDArray[np.floating[Any]]
 
@@ -30,6 +30,9 @@ class Plant(Protocol):
     front_actuator: Actuator
     rear_actuator: Actuator
     control_timestep: float
+    substeps: int
+    """RK4 steps in a control step."""
+    rules: Rules
     observation_names: tuple[str, ...]
     observation_scale: NDArray[np.float64]
     action_space: Any

@@ -27,20 +27,22 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
 
 def test_the_command_prints_a_table_and_writes_a_file(tmp_path):
     out = tmp_path / "figures.json"
-    done = command("agents.evaluate", "--episodes", "5", "--policy", "lqr", "zero", "--json", str(out))
+    done = command("agents.evaluate", "--episodes", "5", "--policy", "lqr", "preview+sano", "--json", str(out))
     assert done.returncode == 0, done.stderr
-    for word in ("lqr", "zero", "success", "return", "slip [deg]", "effort [deg]", "95 % interval"):
+    for word in ("lqr", "preview+sano", "success", "return", "slip [deg]", "effort [deg]", "95 % interval"):
         assert word in done.stdout
     content = json.loads(out.read_text())
     assert content["policies"]["lqr"]["episodes"] == 5
     assert "--episodes 5" in content["command"]
-    assert set(content["policies"]) == {"lqr", "zero"}
+    assert set(content["policies"]) == {"lqr", "preview+sano"}
 
 
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--policy", "lrq"], "policy must be one of"),
+        (["--policy", "lrq"], "did you mean 'lqr'? There is no folder 'lrq' of a trained policy either."),
+        (["--policy", "sano"], "needs a driver at the front: 'preview+sano'"),
+        (["--policy", "preview", "--env-keywords", '{"steer": "rear"}'], "steer must be"),
         (["--env-id", "BicycleStab-v9"], "Ids of this package"),
         (["--env-keywords", '{"speed": -1}'], "speed must be"),
         (["--episodes", "0"], "--episodes"),
@@ -58,6 +60,14 @@ def test_help_teaches(module):
     done = command(f"agents.{module}", "--help")
     assert done.returncode == 0
     assert f"python -m agents.{module}" in done.stdout
+
+
+def test_help_lists_every_controller():
+    done = command("agents.evaluate", "--help")
+    for name, text in control.descriptions().items():
+        (line,) = [line for line in done.stdout.splitlines() if line.split()[:1] == [name]]
+        assert line.endswith(text)
+    assert "preview+sano" in done.stdout
 
 
 def test_all_policies_drive_from_the_same_starts():

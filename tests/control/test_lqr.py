@@ -7,9 +7,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from bicycle_env import analysis, control, vehicles
+from bicycle_env import analysis, vehicles
 from bicycle_env.analysis.linear_model import continuous_model, rk4_map
-from bicycle_env.control.lqr import LQR, Weights, continuous_gain, discrete_gain, preview_gain, tuned_weights
+from bicycle_env.control.design import continuous_gain, discrete_gain, preview_gain
+from bicycle_env.control.lqr import LQR, Weights, tuned_weights
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.registration import ENVIRONMENTS
 
@@ -51,7 +52,7 @@ def test_the_continuous_riccati_equation(steer):
     a, b = continuous_model(vehicles["oversteer"], 43.0, (FRONT, REAR))
     b = b[:, {"front": [0], "rear": [1], "both": [0, 1]}[steer]]
     Q, R = np.diag([0.25, 10.0, 0.02, 4.0, 0.1, 0.1]), 20.0 * np.eye(b.shape[1])
-    K = continuous_gain(a, b, Q, R)
+    K, _ = continuous_gain(a, b, Q, R)
     closed = a - b @ K
     assert np.max(np.linalg.eigvals(closed).real) < 0.0
     # P from the Lyapunov equation of the closed loop; then K = R^-1 b'P is the optimality condition.
@@ -62,7 +63,7 @@ def test_the_continuous_riccati_equation(steer):
 def test_the_discrete_gain_tends_to_the_continuous_one():
     a, b = continuous_model(vehicles["oversteer"], 43.0, (FRONT, REAR))
     Q, R = np.diag([0.25, 10.0, 0.02, 4.0, 0.1, 0.1]), 20.0 * np.eye(2)
-    limit = continuous_gain(a, b, Q, R)
+    limit, _ = continuous_gain(a, b, Q, R)
     errors = []
     for timestep in (0.02, 0.01, 0.005, 0.0025):
         A, B = rk4_map(a, b, timestep, 10)
@@ -269,13 +270,3 @@ def test_the_stability_that_the_design_starts_from():
     env = plant()
     growth = max(np.log(np.linalg.eigvals(env.linear_model().A.astype(complex))).real) / env.control_timestep
     assert growth == pytest.approx(max(analysis.eigenvalues(env.vehicle, env.speed).real), rel=1e-6)
-
-
-def test_make_knows_its_policies():
-    env = plant()
-    assert isinstance(control.make("lqr", env), LQR)
-    assert isinstance(control.make("zero", env), control.Zero)
-    with pytest.raises(ValueError, match="policy must be one of 'zero', 'lqr', got 'lqe'; did you mean 'lqr'"):
-        control.make("lqe", env)
-    with pytest.raises(TypeError, match="policy"):
-        control.make(None, env)

@@ -1,4 +1,4 @@
-"""The one interface of all policies: one observation or many, float32 in [-1, 1], no memory."""
+"""The one interface of all policies: by name, on every task, for every steer mode, one observation or many."""
 
 import gymnasium as gym
 import numpy as np
@@ -8,6 +8,16 @@ from bicycle_env import control
 from bicycle_env.registration import ENVIRONMENTS
 
 IDS = [row.id for row in ENVIRONMENTS]
+STEERS = ("front", "rear", "both")
+ODD = [name for name in control.NAMES if name != "zero"]
+
+
+def cannot_drive(name, steer):
+    """A driver sits at the front wheels; a rear-steer law needs both axles."""
+    return ("+" in name and steer != "both") or (name in control.DRIVERS and steer == "rear")
+
+
+CASES = [(name, steer) for name in control.NAMES for steer in STEERS if not cannot_drive(name, steer)]
 
 
 def network(env, axles):
@@ -20,41 +30,75 @@ def network(env, axles):
     return control.Network(layers, "tanh", "clip", {"env_id": "x", "observation_names": list(env.observation_names)})
 
 
-POLICIES = {
-    "zero": lambda env: control.make("zero", env),
-    "lqr": lambda env: control.make("lqr", env),
-    "network": lambda env: network(env, env.action_space.shape[0]),
-}
+def policy_of(name, env):
+    return network(env, env.action_space.shape[0]) if name == "network" else control.make(name, env)
 
 
-@pytest.mark.parametrize("steer", ["front", "rear", "both"])
 @pytest.mark.parametrize("env_id", IDS)
-@pytest.mark.parametrize("name", POLICIES)
-def test_one_observation_and_many(name, env_id, steer):
+@pytest.mark.parametrize(("name", "steer"), [*CASES, *(("network", steer) for steer in STEERS)])
+def test_one_observation_and_many(name, steer, env_id):
     env = gym.make(env_id, steer=steer).unwrapped
-    policy = POLICIES[name](env)
+    policy = policy_of(name, env)
     axles = env.action_space.shape[0]
     rng = np.random.default_rng(2)
     bound = env.observation_space.high
-    many = (rng.uniform(-0.01, 0.01, (50, len(bound))) * bound).astype(np.float32)
+    many = (rng.uniform(-0.01, 0.01, (8, len(bound))) * bound).astype(np.float32)
     many[0] = 0.0
     many[1:4] = [bound, -bound, bound * rng.uniform(-1, 1, len(bound))]
     given = many.copy()
+    policy.reset()
     actions = policy.act(many)
     assert np.array_equal(many, given)
-    assert actions.shape == (50, axles)
+    assert actions.shape == (8, axles)
     assert actions.dtype == np.float32
     assert np.all(np.abs(actions) <= 1.0)
     for observation, expected in zip(many, actions, strict=True):
+        policy.reset()
         action = policy.act(observation)
         assert action.shape == (axles,)
         assert action.dtype == np.float32
         assert env.action_space.contains(action)
         np.testing.assert_allclose(action, expected, rtol=1e-5, atol=1e-6)
-        assert np.array_equal(action, policy.act(observation)), "a policy holds no state"
+        policy.reset()
+        assert np.array_equal(action, policy.act(observation)), "after reset() nothing is remembered"
+    policy.reset()
     assert policy.act(many[:0]).shape == (0, axles)
-    if name != "zero":
-        assert len(np.unique(actions, axis=0)) > 10
+
+
+@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize(("name", "steer"), CASES)
+def test_the_mirror_image_is_steered_the_other_way(name, steer, env_id):
+    """Over some steps, memory included; small angles, where nothing is clipped."""
+    env = gym.make(env_id, steer=steer).unwrapped
+    left, right = control.make(name, env), control.make(name, env)
+    rng = np.random.default_rng(3)
+    moved = False
+    for _ in range(15):
+        observation = (0.02 * rng.uniform(-1.0, 1.0, len(env.observation_names))).astype(np.float32)
+        action = left.act(observation)
+        np.testing.assert_array_equal(right.act(observation * env.observation_mirror.astype(np.float32)), -action)
+        moved = moved or bool(np.any(action != 0.0))
+    assert moved == (name != "zero")
+
+
+@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize(("name", "steer"), CASES)
+def test_every_policy_drives(name, steer, env_id):
+    """A slow car that is stable by itself: nobody throws it off the road."""
+    env = gym.make(env_id, steer=steer, speed_ratio=0.5, horizon=None).unwrapped
+    policy = control.make(name, env)
+    assert policy.name == name
+    observation, _ = env.reset(seed=3, options={"state": {"lateral_position": 0.2, "heading": 0.005}})
+    for _ in range(40):
+        observation, _, terminated, _, _ = env.step(policy.act(observation))
+        assert not terminated
+
+
+@pytest.mark.parametrize("name", [name for name in ODD if name not in control.DRIVERS])
+def test_who_knows_its_model(name):
+    policy = control.make(name, gym.make("BicycleStab-v0"))
+    assert policy.model.A.shape == (6, 6)
+    assert policy.model.state_names[2] == "lateral_velocity"
 
 
 def test_zero_steers_nothing():
@@ -66,8 +110,48 @@ def test_zero_steers_nothing():
     assert not np.any(policy.act(np.ones(8, np.float32)))
 
 
-def test_every_policy_has_its_name():
-    env = gym.make("BicycleStab-v0").unwrapped
+# Names
+
+
+def test_names_are_those_of_the_classes():
+    env = gym.make("BicycleStab-v0")
     for name, cls in control.POLICIES.items():
         assert cls.name == name
-        assert control.make(name, env).name == name
+        assert isinstance(control.make(name, env), cls)
+        assert isinstance(control.make(name, env.unwrapped), cls), "wrapped or not"
+    combined = control.make("preview+sano", env)
+    assert isinstance(combined, control.DriverAndLaw)
+    assert (combined.driver.name, combined.law.name) == ("preview", "sano")
+    assert set(control.NAMES) - set(control.POLICIES) == {
+        f"{driver}+{law}" for driver in control.DRIVERS for law in control.REAR_LAWS
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [("lqe", "lqr"), ("poleplacement", "pole-placement"), ("preview+sanno", r"preview\+sano")],
+)
+def test_an_unknown_name_is_answered_with_the_nearest(name, nearest):
+    with pytest.raises(ValueError, match=f"policy must be one of 'zero', 'lqr', .*; did you mean '{nearest}'"):
+        control.make(name, gym.make("BicycleStab-v0"))
+
+
+def test_a_law_alone_needs_a_driver():
+    for law in control.REAR_LAWS:
+        with pytest.raises(ValueError, match=rf"'{law}' steers the rear wheels only.*'preview\+{law}'"):
+            control.make(law, gym.make("BicycleStab-v0"))
+
+
+def test_a_name_is_a_word():
+    with pytest.raises(TypeError, match="policy"):
+        control.make(None, gym.make("BicycleStab-v0"))
+
+
+def test_every_policy_has_a_line_about_it():
+    rows = control.descriptions()
+    assert set(rows) == {*control.POLICIES, *(f"DRIVER+{law}" for law in control.REAR_LAWS)}
+    for text in rows.values():
+        assert text.endswith(".")
+        assert 20 < len(text) <= 120
+        assert "``" not in text
+    assert len(set(rows.values())) == len(rows)

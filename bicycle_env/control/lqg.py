@@ -1,0 +1,74 @@
+"""LQG: the regulator's gain on an estimate, where the sideslip is not measured."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_env.control.estimation import Disturbance, Noise, Sensors, sideslip_filter
+from bicycle_env.control.lqr import LQR, Weights
+from bicycle_env.control.policy import Array, Plant, Policy
+from bicycle_env.control.reading import Reading
+from bicycle_env.control.rows import Rows
+
+Matrix = NDArray[np.float64]
+
+BODY, STEER = slice(2, 4), slice(4, 6)
+
+
+class LQG(Policy):
+    """LQR on what a car can measure: a Kalman filter finds the sideslip from yaw rate and lateral acceleration.
+
+    Lateral position, heading and the path ahead are a lane camera's, the road-wheel angles the steering's own sensors';
+    they are taken as they are. The lateral velocity of the observation never reaches the estimate: it only serves to
+    compute what an accelerometer in the simulated car would read (:class:`~bicycle_env.control.estimation.Sensors`).
+    The filter is linear as the LQR is, and starts from what the first measurement says. It remembers: call ``reset``
+    when an episode starts.
+
+    Attributes: ``model``, ``gain``, ``preview`` of the LQR, and ``filter``.
+
+    Args:
+        weights: of the LQR, by default the tuned ones of the task.
+        noise: what the filter expects of the sensors.
+        disturbance: what the filter expects of the road, the wind and the tires' saturation.
+        sensor_noise: what the simulated sensors have; none by default.
+        seed: of the sensors' noise.
+    """
+
+    name = "lqg"
+
+    def __init__(
+        self,
+        plant: Plant,
+        weights: Weights | None = None,
+        noise: Noise | None = None,
+        disturbance: Disturbance | None = None,
+        sensor_noise: Noise | None = None,
+        seed: int = 0,
+    ) -> None:
+        regulator = LQR(plant, weights)
+        self.model, self.gain, self.preview = regulator.model, regulator.gain, regulator.preview
+        self.filter = sideslip_filter(plant, noise, disturbance)
+        self._reading = Reading(plant)
+        self._sensors = Sensors(plant, sensor_noise, seed)
+        self._memory = Rows(3)  # predicted lateral velocity and yaw rate; 1 once there is a prediction
+
+    def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
+        self._memory.reset(rows)
+
+    def act(self, observation: Array) -> NDArray[np.float32]:
+        cars = np.atleast_2d(np.asarray(observation, np.float64)) * self._reading.scale
+        memory = self._memory.of(len(cars))
+        states = cars @ self._reading.state
+        steer, measured = states[:, STEER], self._sensors.read(states)
+        at_rest = np.concatenate([steer, np.zeros((len(cars), len(self.gain)))], axis=1)  # D knows no action
+        predicted = np.where(memory[:, 2:] > 0.0, memory[:, :2], self.filter.first(at_rest, measured))
+        innovation = self.filter.innovation(predicted, at_rest, measured)
+        estimate = self.filter.update(predicted, innovation)
+
+        known = states.copy()
+        known[:, BODY] = estimate
+        action = np.clip(-known @ self.gain.T - cars @ self._reading.path @ self.preview.T, -1.0, 1.0)
+        memory[:, :2] = self.filter.predict(estimate, innovation, np.concatenate([steer, action], axis=1))
+        memory[:, 2] = 1.0
+        return np.asarray(action, np.float32).reshape(*np.shape(observation)[:-1], len(self.gain))

@@ -1,0 +1,64 @@
+"""What an observation tells a controller, in SI units: where the car is and where the path goes."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.interpolate
+from numpy.typing import NDArray
+
+from bicycle_env.analysis.linear_model import STATE_NAMES
+from bicycle_env.control.policy import Plant
+
+Matrix = NDArray[np.float64]
+
+
+class Reading:
+    """Linear maps of the observation, as matrices that it is multiplied with from the left.
+
+    Attributes:
+        scale: (entries,), SI value per unit of the observation.
+        state: (entries, 6), SI entries to ``STATE_NAMES``. Lateral positions are counted from the car: the first is 0.
+        path: (entries, points), SI entries to the lateral distance from the car to the path at ``times``.
+        times: (points,), s ahead; the first is now, the others are the task's preview.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        names = plant.observation_names
+        self.scale = plant.observation_scale
+        self.times = np.array([0.0, *plant.task.preview_times])
+        self.state = np.zeros((len(names), len(STATE_NAMES)))
+        for j, name in enumerate(STATE_NAMES[1:], start=1):
+            self.state[names.index(name), j] = 1.0
+        points = len(self.times)
+        self.path = np.zeros((len(names), points))
+        self.path[names.index("lateral_error" if "lateral_error" in names else "lateral_position"), 0] = -1.0
+        if points > 1:
+            self.path[-(points - 1) :, 1:] = np.eye(points - 1)
+
+    def state_feedback(self, gain: Matrix) -> Matrix:
+        """(entries, axles): ``observation @ matrix`` is gain x, for a gain (axles, 6)."""
+        return (self.state @ gain.T) * self.scale[:, None]
+
+    def path_feedback(self, preview: Matrix) -> Matrix:
+        """(entries, axles): ``observation @ matrix`` is preview w, for a preview (axles, points)."""
+        return (self.path @ preview.T) * self.scale[:, None]
+
+
+def interpolation(times: Matrix, grid: Matrix, derivative: int = 0) -> Matrix:
+    """(grid, times): the natural cubic spline through values at `times`, or a derivative of it, on a grid.
+
+    The last value is held.
+    """
+    if len(times) == 1:
+        return np.full((len(grid), 1), float(derivative == 0))
+    if len(times) == 2:
+        share = np.clip(grid / times[1], 0.0, 1.0)
+        if derivative == 0:
+            return np.stack([1.0 - share, share], axis=1)
+        slope = np.where(grid < times[1], 1.0 / times[1], 0.0) if derivative == 1 else np.zeros(len(grid))
+        return np.stack([-slope, slope], axis=1)
+    spline = scipy.interpolate.CubicSpline(times, np.eye(len(times)), bc_type="natural")
+    matrix: Matrix = spline(np.minimum(grid, times[-1]), derivative)
+    if derivative > 0:
+        matrix[grid >= times[-1]] = 0.0
+    return matrix

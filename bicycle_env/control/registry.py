@@ -1,0 +1,53 @@
+"""Every controller by its name: what ``make`` builds and a command line lists."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+from bicycle_env.control.driver import DRIVERS
+from bicycle_env.control.four_wheel_steer import COMBINATIONS, REAR_LAWS, driver_and_law
+from bicycle_env.control.lqg import LQG
+from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR
+from bicycle_env.control.pole_placement import PolePlacement
+from bicycle_env.control.policy import Plant, Policy, Zero
+from bicycle_env.physics.validation import choice
+
+POLICIES: dict[str, Any] = {
+    policy.name: policy for policy in (Zero, LQR, ContinuousLQR, ScheduledLQR, PolePlacement, LQG, *DRIVERS.values())
+}
+"""Name -> class of the controllers that are made from an environment alone."""
+
+NAMES = (*POLICIES, *COMBINATIONS)
+"""All that ``make`` takes: ``POLICIES`` and every driver with every rear-steer law."""
+
+
+def make(name: str, env: Any) -> Policy:
+    """A controller by name, designed for an environment.
+
+    Args:
+        name: one of ``POLICIES``, or DRIVER+LAW: a driver at the front wheels and a law at the rear ones, for example
+            "preview+sano".
+        env: the environment, wrapped or not.
+
+    Raises:
+        ValueError, TypeError: an unknown name (the message proposes the nearest); a controller that cannot drive this
+            environment, for example a driver where only the rear wheels are steered.
+    """
+    plant: Plant = getattr(env, "unwrapped", env)
+    if isinstance(name, str) and name in REAR_LAWS:
+        drivers = " or ".join(repr(f"{driver}+{name}") for driver in DRIVERS)
+        raise ValueError(f"policy {name!r} steers the rear wheels only, and needs a driver at the front: {drivers}.")
+    choice("policy", name, NAMES)
+    policy: Policy = POLICIES[name](plant) if name in POLICIES else driver_and_law(name, plant)
+    return policy
+
+
+def descriptions() -> dict[str, str]:
+    """One line about every controller, the first of its docstring; a rear-steer law stands as "DRIVER+LAW"."""
+    rows = {name: _summary(policy) for name, policy in POLICIES.items()}
+    return rows | {f"DRIVER+{name}": _summary(law) for name, law in REAR_LAWS.items()}
+
+
+def _summary(documented: Any) -> str:
+    return (inspect.getdoc(documented) or "").partition("\n")[0].replace("``", "")
