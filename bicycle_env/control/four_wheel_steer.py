@@ -166,10 +166,11 @@ class RearLaw(abc.ABC):
 
 
 class SpeedDependent(RearLaw):
-    """``delta_r = k_0(U) delta_f``: no sideslip in steady turns; against the front wheels slowly, with them fast.
+    """A rear/front ratio after the speed, without sideslip in steady turns: ``delta_r = k_0(U) delta_f``.
 
-    The vehicle-speed-sensing kind of four-wheel steering, first sold by Mazda in 1987. The ratio is derived in every
-    text on four-wheel steering, and often named after Sano, whose papers use it for their aim; see :class:`Sano`.
+    Slowly the rear wheels turn against the front ones, above the tangent speed with them: the speed-sensing kind of
+    four-wheel steering, sold by Mazda from 1987 on. The ratio is a standard result; some later texts call it Sano's
+    law, but his papers are about :class:`Sano`.
     """
 
     name = "speed-dependent"
@@ -188,9 +189,9 @@ class Sano(RearLaw):
     S. Sano, Y. Furukawa, S. Shiraishi, "Four wheel steering system with rear wheel steer angle controlled as a
     function of steering wheel angle", SAE 860625, 1986; S. Sano et al., SAE 885034, 1988: the purely mechanical
     system of the Honda Prelude of 1987. Fast cars are steered by small angles, parked ones by large angles, so that
-    the angle stands for the speed. The curve goes through published figures of that car: rear wheels 1.5 deg with
-    the front ones where these are at 9 deg, straight again at 246 deg of the steering wheel (taken as 17 deg at the
-    front), 5.3 deg against at full lock (30 deg). Between them it is a monotone cubic: it is not the papers' curve.
+    the angle stands for the speed. The curve goes through figures that the press gave of that car: rear wheels 1.5 deg
+    with the front ones where these are at 9 deg, straight again at 246 deg of the steering wheel (taken as 17 deg at
+    the front), 5.3 deg against at full lock (30 deg). Between them it is a monotone cubic, not the papers' curve.
     """
 
     name = "sano"
@@ -212,13 +213,13 @@ class Sano(RearLaw):
 
 
 class ZeroSideslip(RearLaw):
-    """``delta_r = -(Cf/Cr) delta_f + k_r r_m``, T r_m' + r_m = G delta_f: no sideslip in transients either.
+    """A feedforward through a first-order filter, without sideslip in transients either.
 
-    A feedforward of first order, ``delta_r / delta_f = (k_0 - (Cf/Cr) T s) / (1 + T s)``: the form (K + T1 s) /
-    (1 + T2 s) of K. Mori and N. Irie (Nissan), US patent 4947326, 1990, with the place of zero sideslip at the centre
-    of mass. The rear wheels first turn against the front ones, which starts the yaw, and then with them. The yaw rate
-    r_m is the model's, not the measured one. Exact for the linear tire and equal actuators within their limits; the
-    commands are held for a control step, in which r_m enters with its mean.
+    ``delta_r = -(Cf/Cr) delta_f + k_r r_m`` with the yaw rate r_m of the model, ``T r_m' + r_m = G delta_f``, which is
+    ``delta_r / delta_f = (k_0 - (Cf/Cr) T s) / (1 + T s)``: the form (K + T1 s) / (1 + T2 s) of K. Mori and N. Irie
+    (Nissan), US patent 4947326, 1990, with the place of zero sideslip at the centre of mass. The rear wheels first turn
+    against the front ones, which starts the yaw, and then with them. Exact for the linear tire and equal actuators
+    within their limits; the commands are held for a control step, in which r_m enters with its mean.
     """
 
     name = "zero-sideslip"
@@ -247,12 +248,12 @@ class ZeroSideslip(RearLaw):
 
 
 class YawRate(RearLaw):
-    """``delta_r = k_1 delta_f + k_2 r``: yaw-rate feedback to the rear wheels with a feedforward from the front ones.
+    """Yaw-rate feedback, with a feedforward from the front wheels: ``delta_r = k_1 delta_f + k_2 r``.
 
-    The structure of Toyota's active four-wheel steering: H. Sato et al., "Development of four wheel steering system
-    using yaw rate feedback control", SAE 911922, 1991. k_2 is :func:`yaw_rate_feedback_gain`'s, so that the linear
-    car is stable far above its bare critical speed and its modes do not oscillate; k_1 = k_0 - k_2 G keeps the sideslip
-    of steady turns at zero. Where the car needs no feedback, k_2 = 0 and the law is :class:`SpeedDependent`.
+    The structure of Toyota's active four-wheel steering: "Development of four wheel steering system using yaw rate
+    feedback control", SAE 911922, 1991; the gains are this package's. k_2 is :func:`yaw_rate_feedback_gain`'s, so that
+    the linear car is stable far above its bare critical speed and its modes do not oscillate; k_1 = k_0 - k_2 G keeps
+    the sideslip of steady turns at zero. Where the car needs no feedback, k_2 = 0 and the law is :class:`SpeedDependent`.
 
     Args:
         plant: the environment, with both axles steered.
