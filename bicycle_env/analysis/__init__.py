@@ -2,6 +2,7 @@
 
 from bicycle_env.analysis.branches import Bifurcation, EquilibriumBranch, equilibrium_branches
 from bicycle_env.analysis.equilibria import Equilibrium, equilibria
+from bicycle_env.analysis.handling import HandlingCurve, HandlingDiagram, handling_diagram, steer_for_turn
 from bicycle_env.analysis.inertial import (
     InertialMatrices,
     WheelSlips,
@@ -43,6 +44,8 @@ __all__ = [
     "Bifurcation",
     "Equilibrium",
     "EquilibriumBranch",
+    "HandlingCurve",
+    "HandlingDiagram",
     "InertialMatrices",
     "Jacobians",
     "Manifold",
@@ -59,6 +62,7 @@ __all__ = [
     "eigenvalues",
     "equilibria",
     "equilibrium_branches",
+    "handling_diagram",
     "inertial_matrices",
     "inertial_state_matrix",
     "input_matrix",
@@ -74,6 +78,7 @@ __all__ = [
     "state_space",
     "static_margin",
     "steady_state_gain",
+    "steer_for_turn",
     "tangent_speed",
     "transfer_function",
     "transfer_matrix",
