@@ -253,7 +253,7 @@ class YawRate(RearLaw):
     The structure of Toyota's active four-wheel steering: "Development of four wheel steering system using yaw rate
     feedback control", SAE 911922, 1991; the gains are this package's. k_2 is :func:`yaw_rate_feedback_gain`'s, so that
     the linear car is stable far above its bare critical speed and its modes do not oscillate; k_1 = k_0 - k_2 G keeps
-    the sideslip of steady turns at zero. Where the car needs no feedback, k_2 = 0 and the law is :class:`SpeedDependent`.
+    the sideslip of steady turns at zero. Where the car needs no feedback, k_2 = 0: it is :class:`SpeedDependent` then.
 
     Args:
         plant: the environment, with both axles steered.
