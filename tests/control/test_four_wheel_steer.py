@@ -207,6 +207,21 @@ def test_feedforward_leaves_the_eigenvalues_and_the_car_diverges(name):
     assert growth == pytest.approx(max(analysis.eigenvalues(OVERSTEER, FAST).real), rel=1e-3)
 
 
+@pytest.mark.parametrize("driver", DRIVERS)
+@pytest.mark.parametrize(("law", "expected"), [("speed-dependent", 1.04), ("zero-sideslip", 0.64)])
+def test_drivers_cannot_hold_the_unstable_car_with_such_a_law(driver, law, expected):
+    """Of the linear car with small angles, far from all limits: how fast it leaves the straight line."""
+    env = linear_plant(speed=FAST)
+    policy = driver_and_law(f"{driver}+{law}", env)
+    observation, _ = env.reset(options={"state": {"yaw_rate": 1e-4}})
+    rates = []
+    for _ in range(300):
+        observation, *_ = env.step(policy.act(observation))
+        rates.append(env.state.yaw_rate)
+    growth = math.log(rates[-1] / rates[-101]) / (100 * env.control_timestep)
+    assert growth == pytest.approx(expected, abs=0.02)
+
+
 # Yaw-rate feedback
 
 
