@@ -206,8 +206,9 @@ def turns_at(balance: RearBalance, steer: tuple[float, float], sideslip_limit: f
     values = balance.residual(nodes, *steer)
     at_nodes = nodes[(values == 0.0) & ~balance.is_sliding(nodes, *steer)]
     change = _live(balance, steer, nodes) & (values[1:] * values[:-1] < 0.0)
-    between = [_root(balance.residual, steer, *pair) for pair in _brackets(nodes, change)]
-    slips = np.array([*at_nodes, *between])
+    between = np.array([_root(balance.residual, steer, *pair) for pair in _brackets(nodes, change)])
+    same = np.abs(between[:, None] - at_nodes) < 1e-9 * balance.model.rear_slip_scale  # at the critical speed
+    slips = np.concatenate([at_nodes, between[~np.any(same, axis=1)]])
     inside: NDArray[np.bool_] = np.abs(balance.state(slips, steer[1])[0]) <= sideslip_limit * balance.model.speed
     return slips[inside]
 

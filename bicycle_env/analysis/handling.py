@@ -145,7 +145,7 @@ def _curve(
         np.where(there, np.nan, axle.slope(slip)) for axle, slip, there in zip(axles, slips, at_a_peak, strict=True)
     ]
     front, rear = (load / GRAVITY / slope for load, slope in zip(loads, slopes, strict=True))
-    gradient = np.where(np.abs(front - rear) > 1e-9 * np.abs(front), front - rear, 0.0 * front)  # neutral to rounding
+    gradient = np.where(np.abs(front - rear) <= 1e-9 * np.abs(front), 0.0, front - rear)  # neutral to rounding
     with np.errstate(divide="ignore", invalid="ignore"):
         critical = np.where(gradient < 0.0, np.sqrt(vehicle.wheelbase / -gradient), np.inf)
     critical[np.isnan(gradient)] = np.nan
