@@ -25,10 +25,11 @@ LINEAR = [
 
 
 def arguments(function):
-    """What the function cannot do without, except for the vehicle, which comes first."""
+    """What the function cannot do without, or has no value for, except for the vehicle, which comes first."""
     first, *others = inspect.signature(function).parameters.values()
     assert first.name == "vehicle"
-    return {each.name: ARGUMENTS[each.name] for each in others if each.default is each.empty}
+    open_ones = [each.name for each in others if each.default is each.empty or each.default is None]
+    return {name: ARGUMENTS[name] for name in open_ones if name not in ("lane", "geometry", "progress", "radius")}
 
 
 def numbers(value):
