@@ -43,7 +43,7 @@ ROWS = {
     "analysis": Row({"physics"}, {"numpy", "scipy", "numba"}, lazy_packages={"control", "tqdm"}),
     "tasks": Row({"analysis", "physics"}, {"numpy"}),
     "control": Row({*BELOW_ENVS, "files"}, {"numpy", "scipy", "numba"}, lazy_packages={"safetensors"}),
-    "envs": Row(BELOW_ENVS, {"gymnasium", "numpy", "numba"}, lazy_layers={"rendering"}, lazy_packages={"torch"}),
+    "envs": Row(BELOW_ENVS, {"gymnasium", "numpy", "numba", "llvmlite"}, lazy_layers={"rendering"}, lazy_packages={"torch"}),
     "rendering": Row(BELOW_ENVS, {"pygame", "numpy", "gymnasium"}),
     "wrappers": Row(
         {*BELOW_ENVS, "envs", "files"}, {"gymnasium", "numpy"}, lazy_packages={"stable_baselines3", "torch"}

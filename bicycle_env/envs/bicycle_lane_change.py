@@ -1,6 +1,7 @@
 """BicycleLaneChange-v0."""
 
 from bicycle_env.envs.single_track_env import SingleTrackEnv
+from bicycle_env.envs.vector_env import SingleTrackVectorEnv
 from bicycle_env.tasks.lane_change import LaneChange
 
 
@@ -120,3 +121,11 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     """
 
     task_class = LaneChange
+
+
+class BicycleLaneChangeVectorEnv(SingleTrackVectorEnv):
+    __doc__ = f"""Many cars at once: see BicycleLaneChangeEnv for the task.
+
+    {SingleTrackVectorEnv.__doc__}"""
+
+    single_class = BicycleLaneChangeEnv

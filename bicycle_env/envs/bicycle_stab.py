@@ -1,6 +1,7 @@
 """BicycleStab-v0."""
 
 from bicycle_env.envs.single_track_env import SingleTrackEnv
+from bicycle_env.envs.vector_env import SingleTrackVectorEnv
 from bicycle_env.tasks.stabilise import Stabilise
 
 
@@ -108,3 +109,11 @@ class BicycleStabEnv(SingleTrackEnv):
     """
 
     task_class = Stabilise
+
+
+class BicycleStabVectorEnv(SingleTrackVectorEnv):
+    __doc__ = f"""Many cars at once: see BicycleStabEnv for the task.
+
+    {SingleTrackVectorEnv.__doc__}"""
+
+    single_class = BicycleStabEnv

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import LinearModel
 from bicycle_env.analysis.stability import Stability
 from bicycle_env.envs.configuration import DEFAULT_SPEED_RATIO, Configuration, Configured, configure
+from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.single_track import Car, car_on_road
+from bicycle_env.physics.validation import known_keys
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.task import Task
 
@@ -21,6 +25,8 @@ Column = NDArray[np.float64]
 NUMBERS = ("speed", "speed_ratio", "friction")
 PER_CAR = ("vehicle", *NUMBERS)
 """Keywords that take one value, or a sequence of num_envs of them."""
+ONE_CAR = ("telemetry", "render_mode")
+"""Keywords of the single environment that are no part of a car."""
 
 
 class Fleet(NamedTuple):
@@ -100,6 +106,33 @@ def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> F
         task.settings(many),
         np.column_stack([np.broadcast_to(entry.scale, num_envs) for entry in entries]),
     )
+
+
+def registered_fleet(spec: Any, num_envs: int, keywords: Mapping[str, Any]) -> Fleet:
+    """The cars of a registered id: the single environment's defaults, the registered keywords, then those given.
+
+    Raises:
+        ValueError: the id is not of a single-track environment.
+        TypeError: a keyword that the single environment does not have, or that is for one car only.
+    """
+    env_class = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
+    if not (isinstance(env_class, type) and issubclass(env_class, SingleTrackEnv)):
+        raise ValueError(f"env_id must be of a single-track environment, got {spec.id!r}")
+    return fleet_of(env_class, num_envs, {**spec.kwargs, **keywords})
+
+
+def fleet_of(env_class: type[SingleTrackEnv], num_envs: int, keywords: Mapping[str, Any]) -> Fleet:
+    """The cars of a single environment's class: its defaults, then the keywords given. Raises as the one above."""
+    given = dict(keywords)
+    allowed = [name for name in keyword_names(env_class.task_class) if name not in ONE_CAR]
+    known_keys("keyword", given, allowed, TypeError)
+    defaults = inspect.signature(env_class.__init__).parameters
+    shared = {
+        name: given.pop(name, defaults[name].default)
+        for name in inspect.signature(configure).parameters
+        if name != "task"
+    }
+    return configure_fleet(env_class.task_class(**given), num_envs, shared)
 
 
 class ConfiguredFleet(Configured):

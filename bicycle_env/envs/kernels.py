@@ -2,7 +2,7 @@
 
 All numbers of an environment lie in one float64 array, because handing an array to compiled code takes as long as a
 tenth of a step. First the episode: CarState, the four numbers of Memory, the route. Then what stays the same: Car,
-Rules, the task's settings, scale and bound of each observation entry, the preview times.
+Rules, the task's settings, 1 / scale and bound of each observation entry, the preview times.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from bicycle_env.physics import compiled
 from bicycle_env.physics.compiled import NUMBA
-from bicycle_env.physics.single_track import Axles, Car, CarState, axles
+from bicycle_env.physics.single_track import Car, CarState, axles
 from bicycle_env.physics.tires import Tire
 from bicycle_env.tasks.ends import corner_outside
-from bicycle_env.tasks.task import Memory, Reference, Rules, Task, World
+from bicycle_env.tasks.task import Memory, Rules, Task, World
 from bicycle_env.tasks.transition import transition
 
 Row = NDArray[np.float64]
@@ -33,8 +33,6 @@ STEPS, SETTLED = MEMORY - 2, MEMORY - 1
 
 BAD_ACTION = -1
 """End code for an action that is not finite; nothing has changed then."""
-
-TELEMETRY = (*Axles._fields, *(f"reference_{name}" for name in Reference._fields))
 
 _row = numba.float64[::1]
 _observation = numba.float32[::1]
@@ -50,7 +48,7 @@ class Kernels(NamedTuple):
     step: Callable[[Row, Any, float, float], tuple[float, int, float]]
     """``step(memory, observation, front, rear) -> (reward, end, cost)``; front and rear are actions."""
     measure: Callable[[Row, Row], None]
-    """``measure(memory, out)``: the values of ``TELEMETRY``."""
+    """``measure(memory, out)``: the values of ``telemetry.MEASURED``."""
 
 
 def episode_size(task: Task) -> int:
@@ -61,7 +59,7 @@ def episode_size(task: Task) -> int:
 def new_memory(task: Task, car: Car, rules: Rules, settings: Any, scale: Any, bound: Any) -> Row:
     """The array of one environment, its episode not yet started."""
     episode = [math.nan] * episode_size(task)
-    return np.array([*episode, *car, *rules, *settings, *scale, *bound, *task.preview_times], dtype=np.float64)
+    return np.array([*episode, *car, *rules, *settings, *(1.0 / scale), *bound, *task.preview_times], dtype=np.float64)
 
 
 class _Access(NamedTuple):
@@ -127,10 +125,10 @@ def _access(task_class: type[Task]) -> _Access:
         values = observe_law(state, kept, world)
         fixed = len(values)
         for j in range(fixed):
-            observation[j] = values[j] / memory[scales + j]
+            observation[j] = values[j] * memory[scales + j]
         for j in range(fixed, entries):
             ahead = preview_law(state, kept.route, world, memory[times + j - fixed])
-            observation[j] = ahead / memory[scales + j]
+            observation[j] = ahead * memory[scales + j]
         for j in range(entries):
             bound = np.float32(memory[bounds + j])
             observation[j] = min(max(observation[j], -bound), bound)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from bicycle_env.envs import kernels
 from bicycle_env.envs.configuration import Configured, configure
+from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import FRONT, REAR, Actuator
-from bicycle_env.physics.single_track import Axles
 from bicycle_env.physics.validation import choice, flag, known_keys
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.task import Task, checked_state
@@ -94,6 +94,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             bound,
         )
         self._observation_size = len(bound)
+        self._car = configuration.car
         self._end_names = configuration.end_names
         self._end_code = kernels.BAD_ACTION  # not yet reset
         self._warned = False
@@ -155,7 +156,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         if self._end_code != 0:
             return self._after_the_end()
         if type(action) is not np.ndarray or action.dtype is not FLOAT32 or action.shape != self._action_shape:
-            action = self._converted(action)
+            action = converted_action(action, self._action_shape, self.steer)
         values = action.tolist()
         observation = np.empty(self._observation_size, FLOAT32)
         reward, end, cost = self._step(self._memory, observation, values[0], values[-1])
@@ -209,9 +210,9 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     def measure(self) -> dict[str, float]:
         """Slip angles, forces, accelerations and the reference in the present state, by the names of the telemetry."""
-        out = np.empty(len(kernels.TELEMETRY))
+        out = np.empty(len(MEASURED))
         self._kernels.measure(self._memory, out)
-        return dict(zip(kernels.TELEMETRY, out.tolist(), strict=True))
+        return dict(zip(MEASURED, out.tolist(), strict=True))
 
     def snapshot(self) -> Snapshot:
         """The whole state, random generator included; not the step count of a wrapper such as TimeLimit."""
@@ -233,34 +234,9 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     def _info(self, cost: float) -> dict[str, Any]:
         info: dict[str, Any] = {"end": self.end, "cost": cost}
         if self.telemetry:
-            info.update(self._telemetry())
+            info |= telemetry(self.state, self.measure(), self._car)
+            info["is_success"] = self.is_success
         return info
-
-    def _telemetry(self) -> dict[str, Any]:
-        state, measured = self.state, self.measure()
-        telemetry: dict[str, Any] = {name: measured[name] for name in Axles._fields}
-        telemetry["sideslip"] = state.lateral_velocity / self.speed
-        for axle, load in (("front", self.vehicle.front_axle_load), ("rear", self.vehicle.rear_axle_load)):
-            telemetry[f"{axle}_saturation"] = abs(measured[f"{axle}_lateral_force"]) / (self.friction * load)
-        telemetry["lateral_error"] = state.lateral_position - measured["reference_lateral_position"]
-        telemetry["goal_error"] = state.lateral_position - measured["reference_goal"]
-        telemetry["heading_error"] = state.heading - measured["reference_heading"]
-        telemetry["is_success"] = self.is_success
-        return telemetry
-
-    def _converted(self, action: Any) -> Any:
-        shape = self._action_shape
-        try:
-            converted = np.asarray(action)
-        except ValueError:
-            converted = np.asarray(None)
-        if converted.dtype.kind not in "fiu":
-            raise TypeError(f"action must be {shape[0]} real numbers in [-1, 1], got {action!r}")
-        if converted.shape != shape:
-            raise ValueError(
-                f"action must have shape {shape} (steer={self.steer!r}), got shape {converted.shape}: {action!r}"
-            )
-        return converted.astype(np.float64)
 
     def _after_the_end(self) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         if self._end_code == kernels.BAD_ACTION:
@@ -280,6 +256,21 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self.__dict__.update(state)
         self._viewer = None
         self._bind()
+
+
+def converted_action(action: Any, shape: tuple[int, ...], steer: str) -> NDArray[np.float32]:
+    """A real array of the shape as float32; finite values are clipped first, others stay. TypeError, ValueError."""
+    try:
+        converted = np.asarray(action)
+    except ValueError:
+        converted = np.asarray(None)
+    if converted.dtype.kind not in "fiu":
+        raise TypeError(f"action must be real numbers in [-1, 1] of shape {shape}, got {action!r}")
+    if converted.shape != shape:
+        raise ValueError(f"action must have shape {shape} (steer={steer!r}), got shape {converted.shape}: {action!r}")
+    converted = converted.astype(np.float64)
+    clipped = np.where(np.isfinite(converted), np.clip(converted, -1.0, 1.0), converted)
+    return np.ascontiguousarray(clipped, dtype=np.float32)
 
 
 def make_task(task_class: type[Task], keywords: dict[str, Any]) -> Task:

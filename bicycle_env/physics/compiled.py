@@ -14,7 +14,7 @@ import hashlib
 import sys
 import time
 from collections.abc import Callable, Iterator
-from types import CodeType, FunctionType, ModuleType
+from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numba
@@ -43,17 +43,43 @@ def _choose(condition: Any, then: Any, otherwise: Any) -> Any:
 NUMBA: elementary.Namespace = elementary.namespace("numba", _choose, np.floor, inlined)
 
 
-def entry_point(function: Callable[..., Any], signature: Any) -> Callable[..., Any]:
+def _single(value: Any) -> Any:
+    """A constant in single precision: numba would compute float32 x 0.5 in float64."""
+    if isinstance(value, float):
+        return np.float32(value)
+    if isinstance(value, tuple) and any(isinstance(part, float) for part in value):
+        return tuple(_single(part) for part in value)
+    return value
+
+
+def in_single_precision(law: Callable[..., Any]) -> Any:
+    """The same law with all its constants, literal, global and enclosed, as float32; inlined."""
+    if isinstance(law, Dispatcher):
+        return law
+    function: Any = law
+    code = function.__code__
+    known = function.__globals__
+    scope = {**known, **{name: _single(known[name]) for name in code.co_names if name in known}}
+    cells = tuple(CellType(_single(cell.cell_contents)) for cell in function.__closure__ or ())
+    code = code.replace(co_consts=tuple(_single(value) for value in code.co_consts))
+    return inlined(FunctionType(code, scope, function.__name__, function.__defaults__, cells or None))
+
+
+NUMBA_FLOAT32: elementary.Namespace = elementary.namespace("numba_float32", _choose, np.floor, in_single_precision)
+
+
+def entry_point(function: Callable[..., Any], signature: Any, nogil: bool = False) -> Callable[..., Any]:
     """Compile a function for one signature, or load it from the cache on disk; see :func:`progress`.
 
-    Raises RuntimeError where NUMBA_DISABLE_JIT is set: the entry points use what only compiled code can.
+    `nogil`: other threads may run beside it. Raises RuntimeError where NUMBA_DISABLE_JIT is set: the entry points use
+    what only compiled code can.
     """
     if numba.config.DISABLE_JIT:
         raise RuntimeError("bicycle_env needs numba's compiler, and NUMBA_DISABLE_JIT is set: unset it")
-    content = digest(function)
+    content = digest(function) + ("-nogil" if nogil else "")  # numba's key does not know the flags
     # One file per content: two processes that compile different variants never write the same file.
     function.__qualname__ = f"{function.__name__}-{content[:20]}"
-    dispatcher: Any = numba.njit(function, **COMMON)
+    dispatcher: Any = numba.njit(function, nogil=nogil, **COMMON)
     with contextlib.suppress(RuntimeError):  # no writable folder: compile in every process
         dispatcher._cache = _ContentCache(function, content)
     dispatcher.compile(signature)

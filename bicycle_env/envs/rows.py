@@ -1,0 +1,126 @@
+"""The numbers of all cars of a vector environment, set and read by name; and what may be asked of ``reset``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_env.envs.blocks import KEPT, Kind, layout, shared_numbers
+from bicycle_env.envs.fleet import Fleet
+from bicycle_env.physics.single_track import CarState
+from bicycle_env.tasks.task import Task, checked_state
+
+Column = NDArray[np.float64]
+
+
+class Rows:
+    """Blocks of rows in one flat array, and the array of what all rows share.
+
+    Attributes: ``numbers`` (blocks x columns x rows a block,) flat, ``world``, ``blocks``: how many.
+    """
+
+    def __init__(self, kind: Kind, fleet: Fleet, num_envs: int, step_limit: int | None) -> None:
+        first, at, dtype = fleet.configuration, layout(kind), np.dtype(kind.dtype)
+        self._state = kind.task_class.State
+        self._num_envs = num_envs
+        self.blocks = -(-num_envs // kind.length)
+        self._names = {
+            name: column
+            for column, name in enumerate((*CarState._fields, *KEPT, *kind.task_class.Route._fields), start=at.state)
+        }
+        self.numbers = np.zeros(self.blocks * at.width * kind.length, dtype=dtype)
+        self._columns = self.numbers.reshape(self.blocks, at.width, kind.length)
+        self.world = shared_numbers(
+            first.car,
+            first.rules,
+            first.settings,
+            first.observation_scale,
+            first.observation_bound,
+            first.task.preview_times,
+            math.inf if step_limit is None else step_limit,
+            dtype,
+        )
+        if fleet.varied:
+            own = [*fleet.car, *fleet.settings, *(1.0 / fleet.observation_scale.T)]
+            everyone = np.ones(num_envs, dtype=np.bool_)
+            for column, values in enumerate(own, start=at.car):
+                self._columns[:, column] = np.ravel(values)[0]  # rows that fill up the last block, too
+                self._put(column, np.broadcast_to(values, num_envs), everyone)
+
+    def _put(self, column: int, values: Any, mask: NDArray[np.bool_]) -> None:
+        rows = np.flatnonzero(mask)
+        length = self._columns.shape[2]
+        self._columns[rows // length, column, rows % length] = values[rows]
+
+    def column(self, name: str) -> Column:
+        """(num_envs,): a copy of a number of the state, of the memory or of the route."""
+        return self._columns[:, self._names[name]].ravel()[: self._num_envs].astype(np.float64)
+
+    def put(self, values: Mapping[str, Any], mask: NDArray[np.bool_]) -> None:
+        """Set numbers by name, each one value or (num_envs,), in the rows of a mask."""
+        for name, value in values.items():
+            self._put(self._names[name], np.broadcast_to(value, self._num_envs), mask)
+
+    def copy_of(self, mask: NDArray[np.bool_]) -> NDArray[Any]:
+        """(rows, columns): all numbers of the rows in a mask."""
+        rows = np.flatnonzero(mask)
+        length = self._columns.shape[2]
+        return self._columns[rows // length, :, rows % length]
+
+    def put_back(self, copy: NDArray[Any], mask: NDArray[np.bool_]) -> None:
+        """Restore what :meth:`copy_of` gave."""
+        rows = np.flatnonzero(mask)
+        length = self._columns.shape[2]
+        self._columns[rows // length, :, rows % length] = copy
+
+    def state(self, control_timestep: float) -> Any:
+        """The task's State, of arrays (num_envs,)."""
+        values = {name: self.column(name) for name in self._state._fields if name != "time"}
+        return self._state(**values, time=self.column("steps") * control_timestep)
+
+
+def checked_mask(mask: Any, num_envs: int) -> NDArray[np.bool_]:
+    """(num_envs,): the rows to reset; all for None. ValueError or TypeError for another shape or type, or none."""
+    if mask is None:
+        return np.ones(num_envs, dtype=np.bool_)
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+        raise TypeError(f"options['reset_mask'] must be a numpy array of bool, got {mask!r}")
+    if mask.shape != (num_envs,) or not np.any(mask):
+        raise ValueError(f"options['reset_mask'] must have shape ({num_envs},) and at least one True, got {mask!r}")
+    return mask.copy()
+
+
+def checked_start(task: Task, options: Any, fleet: Fleet, num_envs: int) -> dict[str, Any]:
+    """What the options set after a random start: values by name. ValueError, TypeError before anything changes."""
+    given = task.check_options(options)
+    changes: dict[str, Any] = {}
+    if "state" in given:
+        changes |= _checked_states(given["state"], fleet, num_envs)
+    unset = task.Route(*([math.nan] * len(task.Route._fields)))
+    route = task.route_with(unset, given, fleet.car.speed)
+    return changes | {name: value for name, value in route._asdict().items() if not np.any(np.isnan(value))}
+
+
+def _checked_states(given: Any, fleet: Fleet, num_envs: int) -> dict[str, Any]:
+    """The least and the greatest value of each name are checked, for all."""
+    limits = (fleet.configuration.front_actuator.angle_limit, fleet.configuration.rear_actuator.angle_limit)
+    if not isinstance(given, Mapping):
+        return checked_state(given, *limits)
+    columns: dict[str, Column] = {}
+    for name, value in given.items():
+        if np.ndim(value) == 0:
+            continue
+        label = f"options['state'][{name!r}] must be a number or num_envs = {num_envs} of them"
+        column = np.asarray(value)
+        if column.dtype.kind not in "fiu":
+            raise TypeError(f"{label}, got {value!r}")
+        if column.shape != (num_envs,):
+            raise ValueError(f"{label}, got shape {column.shape}")
+        columns[name] = column.astype(np.float64)
+    checked_state({**given, **{name: np.min(column) for name, column in columns.items()}}, *limits)
+    values = checked_state({**given, **{name: np.max(column) for name, column in columns.items()}}, *limits)
+    return {**values, **columns}

@@ -1,0 +1,77 @@
+"""What a user gives for many cars, one value for all or one per car: checked, as tensors (num_envs,)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bicycle_env.envs.torch_kernels import Tensor
+from bicycle_env.physics.validation import number
+from bicycle_env.tasks.task import checked_state
+
+
+class TorchOptions:
+    """Reads values; of one per car the least and the greatest are checked on the host, for all."""
+
+    def __init__(
+        self, torch: Any, num_envs: int, device: Any, dtype: Any, front_limit: float, rear_limit: float
+    ) -> None:
+        self._torch, self._num_envs, self._device, self._dtype = torch, num_envs, device, dtype
+        # A float32 state may be the limit rounded up.
+        self._front_limit = max(front_limit, float(torch.tensor(front_limit, dtype=dtype)))
+        self._rear_limit = max(rear_limit, float(torch.tensor(rear_limit, dtype=dtype)))
+
+    def state(self, given: Any, label: str) -> dict[str, Tensor]:
+        """All settable state names, 0 where not given; errors as ``checked_state``."""
+        columns: dict[str, Tensor] = {}
+        if isinstance(given, Mapping):
+            for name, value in given.items():
+                column = self._column(f"{label}[{name!r}]", value)
+                if column is not None:
+                    columns[name] = column
+            least = {**given, **{name: float(column.min()) for name, column in columns.items()}}
+            checked_state(least, self._front_limit, self._rear_limit, label)
+            given = {**given, **{name: float(column.max()) for name, column in columns.items()}}
+        values = checked_state(given, self._front_limit, self._rear_limit, label)
+        return {name: columns[name] if name in columns else self.filled(value) for name, value in values.items()}
+
+    def numbers(self, name: str, value: Any, low: float) -> Tensor:
+        """Finite numbers >= low."""
+        column = self._column(name, value)
+        if column is None:
+            return self.filled(number(name, value, low))
+        for end in (column.min(), column.max()):
+            number(name, float(end), low)
+        return column
+
+    def mask(self, value: Any) -> Tensor:
+        """Booleans, one per car."""
+        column = self._tensor(value)
+        if column is None or column.dtype != self._torch.bool or column.shape != (self._num_envs,):
+            raise ValueError(f"options['reset_mask'] must be num_envs = {self._num_envs} booleans, got {value!r}")
+        return column
+
+    def filled(self, value: Any) -> Tensor:
+        """One value, num_envs times; a tensor (num_envs,) as it is."""
+        return self._torch.as_tensor(value, dtype=self._dtype, device=self._device).expand(self._num_envs)
+
+    def _column(self, name: str, value: Any) -> Tensor | None:
+        """A tensor of one number per car, or None where one value is given for all."""
+        if not isinstance(value, (list, tuple)) and getattr(value, "ndim", 0) == 0:
+            return None
+        wanted = f"{name} must be one number or num_envs = {self._num_envs} of them"
+        column = self._tensor(value)
+        if column is None or column.dtype == self._torch.bool or column.is_complex():
+            raise TypeError(f"{wanted}, got {value!r}")
+        if column.shape != (self._num_envs,):
+            raise ValueError(f"{wanted}, got shape {tuple(column.shape)}")
+        return column.to(self._dtype)
+
+    def _tensor(self, value: Any) -> Tensor | None:
+        try:
+            array = value if self._torch.is_tensor(value) else np.array(value)  # torch makes float32 of a list
+            return self._torch.as_tensor(array, device=self._device)
+        except (TypeError, ValueError):
+            return None

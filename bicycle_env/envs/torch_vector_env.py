@@ -1,0 +1,343 @@
+"""Many cars on tensors: the environments of this package for training without leaving the GPU."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from bicycle_env.envs.fleet import PER_CAR, ConfiguredFleet, registered_fleet
+from bicycle_env.envs.single_track_env import SingleTrackEnv
+from bicycle_env.envs.torch_kernels import Episodes, Tensor, TorchKernels, chosen, mapped
+from bicycle_env.envs.torch_options import TorchOptions
+from bicycle_env.physics.single_track import CarState
+from bicycle_env.physics.validation import choice, flag, known_keys, whole
+
+DTYPES = ("float64", "float32")
+ON_INVALID = ("terminate", "raise")
+AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
+
+
+class TorchSnapshot(NamedTuple):
+    """All that the future of a TorchVectorEnv depends on; made by ``snapshot()``, taken by ``restore()``."""
+
+    episodes: Episodes
+    generator: Tensor
+
+
+class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
+    """``num_envs`` cars of one environment id, on torch tensors: the same laws as the single environment.
+
+    A Gymnasium vector environment whose observations, actions, rewards and infos are tensors on one device. ``step``,
+    the autoreset and the random starts take place there: nothing is copied to the host or waits for it. In float64 a
+    step equals the single environment's to 1e-12. Actions that require a gradient make everything that follows
+    differentiable; under ``torch.no_grad()`` nothing is recorded.
+
+        envs = TorchVectorEnv("BicycleStab-v0", 4096, device="cuda", friction=torch.linspace(0.4, 1.0, 4096))
+        observation, info = envs.reset(seed=0)
+        observation, reward, terminated, truncated, info = envs.step(policy(observation))
+
+    Args:
+        env_id: a registered id of this package's kind.
+        num_envs: how many cars.
+        device: where all tensors are, as torch takes it.
+        dtype: "float64" or "float32" (or torch's own): of the physics and of rewards; observations are float32.
+        autoreset_mode: "SameStep" | "NextStep" | "Disabled", or Gymnasium's enum. SameStep: a car whose episode ends
+            starts anew in the same step; ``info["final_obs"]`` and ``info["final_info"]`` hold what it ended with
+            (where ``info["_final_obs"]``; elsewhere the present values). NextStep: it starts anew in the next step,
+            which ignores its action and gives reward 0. Disabled: it stays where it is, with reward 0 and its flags,
+            until ``reset(options={"reset_mask": mask})``.
+        max_episode_steps: control steps until the time-out, which truncates; the registered number by default.
+        on_invalid: "terminate" ends the episode of a car whose action is not finite, and no other's: the car stays,
+            its end is "invalid_action", its reward 0 (quadratic: all steps that are left are paid for). "raise"
+            raises ValueError before anything changes; to know, the host must wait for the device in every step.
+        compile: compile the RK4 substep with torch.compile, which needs a C++ compiler (on the CPU) or Triton.
+        **env_keywords: as of the single environment, without ``telemetry`` and ``render_mode``; ``vehicle``, ``speed``,
+            ``speed_ratio`` and ``friction`` take one value or a sequence or tensor of num_envs of them.
+
+    ``info`` (tensors (num_envs,)): ``end``, int8 codes whose words are ``end_names``; ``cost``, 1.0 while a corner of
+    the body is outside of the corridor; ``is_success``, running and settled for the last second: at a time-out, a
+    success.
+
+    One generator, on the device, draws for all cars in every step: the same seed, num_envs, dtype and kind of device
+    give the same run, and no car's starts depend on what the others do.
+
+    Raises:
+        ImportError: torch is missing. ValueError, TypeError: a bad keyword. gymnasium.error.Error: an unknown id.
+    """
+
+    def __init__(
+        self,
+        env_id: str,
+        num_envs: int,
+        *,
+        device: Any = "cpu",
+        dtype: Any = "float64",
+        autoreset_mode: str | AutoresetMode = "SameStep",
+        max_episode_steps: int | None = None,
+        on_invalid: str = "terminate",
+        compile: bool = False,
+        **env_keywords: Any,
+    ) -> None:
+        torch = _torch()
+        self.num_envs = whole("num_envs", num_envs)
+        self.spec = _spec(env_id)
+        word = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
+        self.autoreset_mode = AUTORESET_MODES[choice("autoreset_mode", word, AUTORESET_MODES)]
+        self.metadata = {**SingleTrackEnv.metadata, "render_modes": [], "autoreset_mode": self.autoreset_mode}
+        steps = self.spec.max_episode_steps if max_episode_steps is None else max_episode_steps
+        self.max_episode_steps = whole("max_episode_steps", steps)
+        self.on_invalid = choice("on_invalid", on_invalid, ON_INVALID)
+        self.dtype = getattr(torch, choice("dtype", str(dtype).removeprefix("torch."), DTYPES))
+        self.device, self._generator = _device_and_generator(torch, device)
+        for name in PER_CAR:
+            if torch.is_tensor(env_keywords.get(name)):
+                env_keywords[name] = env_keywords[name].detach().cpu().numpy()
+        self._adopt_fleet(registered_fleet(self.spec, self.num_envs, env_keywords))
+        self.end_names = self.configuration.end_names
+        bound = self.configuration.observation_bound
+        self._action_shape = (self.num_envs, self.configuration.axles)
+        self.single_observation_space = spaces.Box(-bound, bound, dtype=np.float32)
+        self.single_action_space = spaces.Box(-1.0, 1.0, self._action_shape[1:], np.float32)
+        self._torch = torch
+        self._kernels = TorchKernels(
+            torch,
+            self.fleet,
+            self.num_envs,
+            self.device,
+            self.dtype,
+            self.max_episode_steps,
+            flag("compile", compile),
+        )
+        limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
+        self._options = TorchOptions(torch, self.num_envs, self.device, self.dtype, *limits)
+        self._episodes: Episodes | None = None
+
+    @functools.cached_property
+    def observation_space(self) -> spaces.Space[Any]:  # type: ignore[override]
+        """``single_observation_space``, num_envs times; made when first asked for."""
+        return batch_space(self.single_observation_space, self.num_envs)
+
+    @functools.cached_property
+    def action_space(self) -> spaces.Space[Any]:  # type: ignore[override]
+        """``single_action_space``, num_envs times; made when first asked for."""
+        return batch_space(self.single_action_space, self.num_envs)
+
+    # Gymnasium's interface
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Tensor, dict[str, Any]]:
+        """Start an episode of every car.
+
+        Args:
+            seed: makes this and all following episodes repeatable.
+            options: as of the single environment; values of ``state`` are one number or num_envs of them.
+                ``reset_mask``: bool (num_envs,), only these cars start anew. A start takes the same random numbers
+                with or without options.
+
+        Raises:
+            ValueError, TypeError: a bad seed or option; nothing has changed then.
+            gymnasium.error.ResetNeeded: a ``reset_mask`` before the first reset.
+        """
+        seed = None if seed is None else whole("seed", seed, 0, 2**63 - 1)
+        if isinstance(options, Mapping) and "reset_mask" in options:
+            kept = self._begun("reset(options={'reset_mask': ...})")
+            mask = self._options.mask(options["reset_mask"])
+            given = self.task.check_options({name: options[name] for name in options if name != "reset_mask"})
+        else:
+            kept, mask = None, None
+            given = self.task.check_options(options)
+        values = self._options.state(given["state"], "options['state']") if "state" in given else {}
+        self.task.route_with(self.task.Route(*([0.0] * len(self.task.Route._fields))), given, 1.0)
+        if seed is not None:
+            self._generator.manual_seed(seed)
+        fresh = self._with_route(self._with_state(self._started(), values), given)
+        self._episodes = fresh if kept is None else chosen(mask, fresh, kept)
+        return self._look()
+
+    def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
+        """Hold each car's action for one control step; finite values outside [-1, 1] saturate.
+
+        Args:
+            action: a tensor (num_envs, axles) of real numbers on the environment's device.
+
+        Returns:
+            observation (num_envs, entries) float32; reward, terminated, truncated (num_envs,); info.
+
+        Raises:
+            ValueError, TypeError: an action of the wrong shape, type or device; nothing has changed then.
+            gymnasium.error.ResetNeeded: there was no reset.
+        """
+        before = self._begun("step()")
+        action = self._checked_action(action, before)
+        after, reward = self._kernels.step(before, action)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            over = after.over
+            self._episodes = after
+            final_observation, final_info = self._look()
+            self._episodes = chosen(over, self._started(), after)
+            observation, info = self._look()
+            info |= {
+                "final_obs": final_observation,
+                "_final_obs": over,
+                "final_info": final_info,
+                "_final_info": over.clone(),
+            }
+            return observation, reward, after.end > 0, after.timed_out, info
+        instead = self._started() if self.autoreset_mode is AutoresetMode.NEXT_STEP else before
+        self._episodes = chosen(before.over, instead, after)
+        observation, info = self._look()
+        reward = reward.where(~before.over, 0.0)
+        return observation, reward, self._episodes.end > 0, self._episodes.timed_out.clone(), info
+
+    # What else a user may ask
+
+    @property
+    def state(self) -> Any:
+        """The present state as the task's named tuple of tensors (num_envs,), SI units."""
+        state, memory, *_ = self._begun("state")
+        commands = (memory.front_steer_command, memory.rear_steer_command)
+        values = self.task.State(*state, *commands, memory.steps * self.control_timestep, *memory.route)
+        return mapped(lambda value: value.clone(), values)
+
+    def set_state(self, state: Mapping[str, Any]) -> tuple[Tensor, dict[str, Any]]:
+        """Put the cars, all running, into given states; values not given stay. No random number is drawn.
+
+        Args:
+            state: names of ``state`` to one number or num_envs of them, SI units.
+
+        Returns:
+            observation and info there, as ``reset``.
+
+        Raises:
+            ValueError, TypeError: a name that is unknown, a value that is not finite or out of range.
+        """
+        episodes = self._begun("set_state()")
+        if not isinstance(state, Mapping):
+            raise TypeError(f"state must be a mapping of state names to numbers, got {state!r}")
+        known_keys("state name", state, self.task.State._fields)
+        beyond = {name: value for name, value in state.items() if name in ("time", *self.task.Route._fields)}
+        values = self._options.state({name: state[name] for name in state if name not in beyond}, "state")
+        memory = episodes.memory
+        for name, given in beyond.items():
+            column = self._options.numbers(f"state[{name!r}]", given, 0.0 if name == "time" else -math.inf)
+            if name == "time":
+                memory = memory._replace(steps=self._torch.round(column / self.control_timestep))
+            else:
+                memory = memory._replace(route=memory.route._replace(**{name: column}))
+        nothing = self._torch.zeros_like
+        memory = memory._replace(settled_steps=nothing(memory.settled_steps))
+        running = Episodes(episodes.state, memory, nothing(episodes.end), nothing(episodes.timed_out))
+        self._episodes = self._with_state(running, {name: values[name] for name in values if name in state})
+        return self._look()
+
+    @property
+    def is_success(self) -> Tensor:
+        """bool (num_envs,): running, and settled for the last second; at a time-out, a success."""
+        return self._kernels.success(self._begun("is_success"))
+
+    def measure(self) -> dict[str, Tensor]:
+        """Slip angles, forces, accelerations and the reference in the present state, by the names of the telemetry."""
+        return self._kernels.measure(self._begun("measure()"))
+
+    def snapshot(self) -> TorchSnapshot:
+        """The whole state, random generator included."""
+        episodes = mapped(lambda value: value.clone(), self._begun("snapshot()"))
+        return TorchSnapshot(episodes, self._generator.get_state())
+
+    def restore(self, snapshot: TorchSnapshot) -> tuple[Tensor, dict[str, Any]]:
+        """Return to a snapshot of this or of an equally made environment; gives observation and info there."""
+        if not isinstance(snapshot, TorchSnapshot) or snapshot.episodes.end.shape != (self.num_envs,):
+            raise TypeError(
+                f"snapshot must come from snapshot() with num_envs = {self.num_envs}, got {type(snapshot)!r}"
+            )
+        self._episodes = mapped(lambda value: value.clone(), snapshot.episodes)
+        self._generator.set_state(snapshot.generator)
+        return self._look()
+
+    def detach(self) -> None:
+        """Forget how the present state came about: gradients flow back to here and no further."""
+        self._episodes = mapped(lambda value: value.detach(), self._begun("detach()"))
+
+    # Inner workings
+
+    def _begun(self, asked: str) -> Episodes:
+        if self._episodes is None:
+            raise gym.error.ResetNeeded(f"call reset() before {asked}")
+        return self._episodes
+
+    def _started(self) -> Episodes:
+        shape = (self.task.uniforms, self.num_envs)
+        uniforms = self._torch.rand(shape, generator=self._generator, dtype=self.dtype, device=self.device)
+        return self._kernels.start(uniforms)
+
+    def _look(self) -> tuple[Tensor, dict[str, Any]]:
+        episodes = self._begun("observing")
+        observation, cost = self._kernels.look(episodes)
+        return observation, {"end": episodes.end.clone(), "cost": cost, "is_success": self._kernels.success(episodes)}
+
+    def _with_state(self, episodes: Episodes, values: Mapping[str, Tensor]) -> Episodes:
+        state = {name: value for name, value in values.items() if name in CarState._fields}
+        commands = {name: value for name, value in values.items() if name not in CarState._fields}
+        return episodes._replace(state=episodes.state._replace(**state), memory=episodes.memory._replace(**commands))
+
+    def _with_route(self, episodes: Episodes, options: Mapping[str, Any]) -> Episodes:
+        route = self.task.route_with(episodes.memory.route, options, self._kernels.world.car.speed)
+        route = mapped(self._options.filled, route)
+        return episodes._replace(memory=episodes.memory._replace(route=route))
+
+    def _checked_action(self, action: Any, episodes: Episodes) -> Tensor:
+        torch, shape = self._torch, self._action_shape
+        if not torch.is_tensor(action) or action.dtype == torch.bool or action.is_complex():
+            got = action.dtype if torch.is_tensor(action) else type(action).__name__
+            raise TypeError(f"action must be a tensor of {shape} real numbers on {self.device}, got {got}")
+        if tuple(action.shape) != shape:
+            raise ValueError(f"action must have shape {shape} (steer={self.steer!r}), got {tuple(action.shape)}")
+        if action.device != self.device:
+            raise ValueError(f"action must be on {self.device}, got one on {action.device}")
+        action = action.to(self.dtype)
+        if self.on_invalid == "raise":
+            bad = ~(torch.isfinite(action).all(dim=1) | episodes.over)
+            if bool(bad.any()):
+                row = int(bad.nonzero()[0])
+                raise ValueError(
+                    f"action must be finite numbers, nominally in [-1, 1], got {action[row]} for car {row}"
+                )
+        return action
+
+
+def _torch() -> Any:
+    try:
+        import torch
+    except ImportError as error:
+        raise ImportError('TorchVectorEnv needs torch: pip install "bicycle-env[agents]"', name="torch") from error
+    return torch
+
+
+def _spec(env_id: object) -> Any:
+    """The registered row; "module:id" imports the module first, as gym.make does."""
+    if not isinstance(env_id, str):
+        raise TypeError(f"env_id must be the id of a registered environment, got {env_id!r}")
+    module, _, name = env_id.rpartition(":")
+    if module:
+        importlib.import_module(module)
+    return gym.spec(name)
+
+
+def _device_and_generator(torch: Any, device: Any) -> tuple[Any, Any]:
+    try:
+        place = torch.empty(0, device=device).device  # "cuda" becomes "cuda:0"
+        generator = torch.Generator(device=place)
+    except (AssertionError, RuntimeError, TypeError) as error:
+        raise ValueError(f"device must be one that torch can use here, got {device!r}: {error}") from error
+    generator.seed()
+    return place, generator

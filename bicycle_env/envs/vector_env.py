@@ -1,0 +1,370 @@
+"""The native vector environment: thousands of cars, one compiled call a step. It holds the arrays; no physics here."""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, ClassVar, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from bicycle_env.envs import block_kernels, blocks
+from bicycle_env.envs.draws import addresses
+from bicycle_env.envs.fleet import ONE_CAR, ConfiguredFleet, fleet_of
+from bicycle_env.envs.rows import Rows, checked_mask, checked_start
+from bicycle_env.envs.single_track_env import FLOAT32, SingleTrackEnv, converted_action, keyword_names
+from bicycle_env.envs.telemetry import MEASURED, telemetry
+from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.validation import choice, flag, known_keys, whole
+from bicycle_env.tasks.ends import INVALID_ACTION
+from bicycle_env.tasks.rewards import failure_cost
+
+MODES = {mode.value: mode for mode in AutoresetMode}
+FEWEST_FOR_LONG_BLOCKS = 128
+FEWEST_PER_THREAD = 512
+"""Rows below which another thread costs more than it brings."""
+MOST_THREADS = 1024
+
+
+class VectorSnapshot(NamedTuple):
+    """All that the future of a vector environment depends on."""
+
+    rows: NDArray[Any]
+    over: NDArray[np.bool_]
+    end: NDArray[np.int8]
+    generators: tuple[Any, ...]
+
+
+class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any]):
+    """Base of the vector environments; the subclasses name a task.
+
+    Row i is, to the bit, the single environment that was seeded with ``seed + i``, for any number of rows and threads.
+
+    Args:
+        num_envs: how many cars.
+        max_episode_steps: time limit; by default the task's, -1: none.
+        autoreset_mode: "NextStep", "SameStep" or "Disabled", or Gymnasium's enum. "SameStep" returns the last
+            observation and info of a row that ended as ``info["final_obs"]`` (num_envs, entries) and
+            ``info["final_info"]``. "Disabled": reset rows by ``reset(options={"reset_mask": mask})``; a row that has
+            ended stays where it is.
+        dtype: "float64", or "float32" for twice the speed.
+        threads: share the rows among so many threads.
+        staggered_start: the first episode of row i begins at a later time of its clock, evenly spread, so that the
+            time-outs of all rows do not fall together.
+        on_invalid: an action that is not finite: "raise", before anything changes; or "terminate" its row, with the
+            end code 3, while the others go on.
+        telemetry: more in ``info``.
+        render_mode: must be None: draw with a single environment.
+        keywords: those of the single environment. vehicle, speed, speed_ratio and friction take one value or num_envs.
+
+    ``info``: ``end`` (num_envs,) int8, see ``end_names``; ``cost`` (num_envs,).
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (declared so by Gymnasium)
+        "render_modes": [],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+    single_class: ClassVar[type[SingleTrackEnv]]
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        autoreset_mode: str | AutoresetMode = "NextStep",
+        dtype: str = "float64",
+        threads: int = 1,
+        staggered_start: bool = False,
+        on_invalid: str = "raise",
+        telemetry: bool = False,
+        render_mode: str | None = None,
+        **keywords: Any,
+    ) -> None:
+        own = [name for name in inspect.signature(SingleTrackVectorEnv).parameters if name != "keywords"]
+        shared = [name for name in keyword_names(self.single_class.task_class) if name not in ONE_CAR]
+        known_keys("keyword", keywords, [*own, *shared], TypeError)
+        self.num_envs = whole("num_envs", num_envs)
+        mode = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
+        self.autoreset_mode = MODES[choice("autoreset_mode", mode, MODES)]
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.dtype = choice("dtype", dtype, ("float64", "float32"))
+        self.threads = whole("threads", threads, 1, MOST_THREADS)
+        self.staggered_start = flag("staggered_start", staggered_start)
+        self.on_invalid = choice("on_invalid", on_invalid, ("raise", "terminate"))
+        self.telemetry = flag("telemetry", telemetry)
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None for many cars (draw one by gym.make), got {render_mode!r}")
+        self._adopt_fleet(fleet_of(self.single_class, self.num_envs, keywords))
+        limit = self.task.episode_steps if max_episode_steps is None else max_episode_steps
+        self.max_episode_steps = None if limit == -1 else whole("max_episode_steps", limit)
+        self.end_names = self.configuration.end_names
+
+        bound = self.configuration.observation_bound
+        self.single_observation_space = spaces.Box(-bound, bound, dtype=np.float32)
+        self.single_action_space = spaces.Box(-1.0, 1.0, (self.configuration.axles,), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._observation_shape = (self.num_envs, len(bound))
+        self._action_shape = (self.num_envs, self.configuration.axles)
+
+        length = blocks.LONG if self.num_envs >= FEWEST_FOR_LONG_BLOCKS else blocks.SHORT
+        self._kind = blocks.Kind(
+            type(self.task), self.tire, self.geometry, self.reward, len(bound), length, self.fleet.varied, self.dtype
+        )
+        self._rows = Rows(self._kind, self.fleet, self.num_envs, self.max_episode_steps)
+        self._over = np.ones(self.num_envs, dtype=np.bool_)
+        self._any_over = False
+        self._started = False
+        self._end = np.zeros(self.num_envs, dtype=np.int8)
+        self._generators: list[np.random.Generator] = []
+        self._addresses = np.zeros(0, dtype=np.uint64)
+        self._bind()
+
+    def _bind(self) -> None:
+        self._kernels = block_kernels.kernels(self._kind)
+        self._step = self._kernels.step
+        self._numbers, self._world, self._blocks = self._rows.numbers, self._rows.world, self._rows.blocks
+        most = max(1, self.num_envs // FEWEST_PER_THREAD)
+        count = min(self.threads, most, self._blocks)
+        edges = np.linspace(0, self._blocks, count + 1).astype(int).tolist()
+        self._parts = list(itertools.pairwise(edges))
+        self._pool = ThreadPoolExecutor(count - 1) if count > 1 else None
+
+    # Gymnasium's interface
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start episodes.
+
+        Args:
+            seed: row i gets ``seed + i``; or one seed (or None) for each row.
+            options: ``reset_mask`` (num_envs,) of bool: only these rows, the others go on; ``state``: a mapping of
+                state names to numbers or (num_envs,) arrays, names not given being 0; the task's own options.
+
+        Returns:
+            Observations of all rows (num_envs, entries) and info.
+
+        Raises:
+            ValueError, TypeError: a bad seed or option, before anything changes.
+        """
+        given = dict(options) if isinstance(options, Mapping) else options
+        mask = checked_mask(given.pop("reset_mask", None) if isinstance(given, dict) else None, self.num_envs)
+        changes = checked_start(self.task, given, self.fleet, self.num_envs)
+        seeds = _seeds(seed, self.num_envs)
+        if not self._started and not np.all(mask):
+            raise gym.error.ResetNeeded("the first reset() must start all rows: it takes no reset_mask")
+        self._seed(seeds, mask)
+        observation, cost = np.empty(self._observation_shape, FLOAT32), np.empty(self.num_envs)
+        self._kernels.start(self._numbers, self._world, mask, self._addresses, observation, cost)
+        if changes:
+            self._rows.put(changes, mask)
+        if self.staggered_start and not self._started and self.max_episode_steps is not None:
+            spread = np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
+            self._rows.put({"steps": spread.astype(np.float64)}, mask)
+        self._started = True
+        self._over[mask] = False
+        self._any_over = bool(np.any(self._over))
+        self._end[mask] = 0
+        self._look(np.ones(self.num_envs, dtype=np.bool_), observation, cost)
+        return observation, self._info(self._end.copy(), cost)
+
+    def step(self, actions: NDArray[np.float32]) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """One control step of all rows; finite values outside [-1, 1] saturate.
+
+        Args:
+            actions: (num_envs, axles). A row that is waiting for its reset ignores its values.
+
+        Returns:
+            Observations (num_envs, entries) float32, rewards (num_envs,) float64, terminated, truncated, info.
+
+        Raises:
+            ValueError, TypeError: actions of another shape or type, or not finite with on_invalid="raise"; nothing
+                has changed then.
+            gymnasium.error.ResetNeeded: there was no reset.
+        """
+        if not self._started:
+            raise gym.error.ResetNeeded("call reset() before step()")
+        if (
+            type(actions) is not np.ndarray
+            or actions.dtype is not FLOAT32
+            or actions.shape != self._action_shape
+            or not actions.flags.c_contiguous
+        ):
+            actions = converted_action(actions, self._action_shape, self.steer)
+        observation = np.empty(self._observation_shape, FLOAT32)
+        values = np.empty((2, self.num_envs))
+        flags = np.empty((2, self.num_envs), np.bool_)
+        end = np.empty(self.num_envs, np.int8)
+        held = saved = None
+        if self._any_over and self.autoreset_mode is AutoresetMode.DISABLED:
+            held = self._over.copy()
+            saved = self._rows.copy_of(held)
+        ended = self._run(actions, observation, values, flags, end)
+        bad = None
+        if ended < 0:
+            bad = ~np.all(np.isfinite(actions), axis=1)
+            if self.on_invalid == "raise":
+                row = int(np.argmax(bad))
+                raise ValueError(f"actions must be finite, nominally in [-1, 1]; row {row} has {actions[row]}")
+            spoiled = self._rows.copy_of(bad)
+            ended = self._run(np.where(bad[:, None], FLOAT32.type(0.0), actions), observation, values, flags, end)
+            self._rows.put_back(spoiled, bad)
+            self._look(bad, observation, values[1])
+            values[0, bad] = self._forfeit(bad)
+            flags[0, bad], flags[1, bad], end[bad] = True, False, INVALID_ACTION
+        if held is not None and saved is not None:
+            self._rows.put_back(saved, held)
+            self._look(held, observation, values[1])
+            values[0, held], end[held] = 0.0, self._end[held]
+            flags[0, held], flags[1, held] = self._end[held] > 0, self._end[held] == 0
+        if ended or bad is not None or self._any_over or self.telemetry:
+            return self._finished(observation, values, flags, end)
+        here = np.ones(self.num_envs, np.bool_)
+        info = {"end": end, "cost": values[1], "_end": here, "_cost": here}
+        return observation, values[0], flags[0], flags[1], info
+
+    def close_extras(self, **_: Any) -> None:
+        """Stop the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+            self._parts = [(0, self._blocks)]
+
+    # What else a user may ask
+
+    @property
+    def state(self) -> Any:
+        """The present states: the single environment's named tuple, of arrays (num_envs,); copies."""
+        return self._rows.state(self.control_timestep)
+
+    @property
+    def is_success(self) -> NDArray[np.bool_]:
+        """(num_envs,): running, and settled for the last second; at a time-out, a success."""
+        return np.asarray((self._rows.column("settled_steps") >= self.configuration.steps_to_settle) & (self._end == 0))
+
+    @property
+    def np_random_generators(self) -> tuple[np.random.Generator, ...]:
+        """The generator of each row."""
+        return tuple(self._generators)
+
+    def measure(self) -> dict[str, NDArray[np.float64]]:
+        """Slip angles, forces, accelerations and the reference in the present states, (num_envs,) each."""
+        out = np.empty((len(MEASURED), self.num_envs))
+        self._kernels.measure(self._numbers, self._world, out)
+        return dict(zip(MEASURED, out, strict=True))
+
+    def snapshot(self) -> VectorSnapshot:
+        """The whole state of all rows, random generators included."""
+        states = tuple(generator.bit_generator.state for generator in self._generators)
+        return VectorSnapshot(self._numbers.copy(), self._over.copy(), self._end.copy(), states)
+
+    def restore(self, snapshot: VectorSnapshot) -> NDArray[np.float32]:
+        """Return to a snapshot of this or of an equally made environment; gives the observations there."""
+        if not isinstance(snapshot, VectorSnapshot) or snapshot.rows.shape != self._numbers.shape:
+            raise TypeError(f"snapshot must come from snapshot() of an equal environment, got {type(snapshot)!r}")
+        if len(self._generators) != len(snapshot.generators):
+            self._seed([None] * self.num_envs, np.ones(self.num_envs, dtype=np.bool_))
+        for generator, state in zip(self._generators, snapshot.generators, strict=True):
+            generator.bit_generator.state = state
+        self._numbers[:], self._over, self._end = snapshot.rows, snapshot.over.copy(), snapshot.end.copy()
+        self._any_over, self._started = bool(np.any(self._over)), True
+        observation, cost = np.empty(self._observation_shape, FLOAT32), np.empty(self.num_envs)
+        self._look(np.ones(self.num_envs, dtype=np.bool_), observation, cost)
+        return observation
+
+    # Inner workings
+
+    def _run(self, actions: Any, observation: Any, values: Any, flags: Any, end: Any) -> int:
+        arguments = (self._numbers, self._world, actions, observation, values, flags, end)
+        if self._pool is None:
+            return self._step(*arguments, 0, self._blocks)
+        if not np.all(np.isfinite(actions)):  # before any thread changes anything
+            return block_kernels.BAD_ACTION
+        others = [self._pool.submit(self._step, *arguments, first, last) for first, last in self._parts[1:]]
+        first, last = self._parts[0]
+        return self._step(*arguments, first, last) + sum(other.result() for other in others)
+
+    def _finished(
+        self, observation: Any, values: Any, flags: Any, end: Any
+    ) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """What follows a step in which some row ended, or that some row was waiting for."""
+        reward, cost = values
+        more: dict[str, Any] = {}
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._any_over:
+            waiting = self._over
+            self._kernels.start(self._numbers, self._world, waiting, self._addresses, observation, cost)
+            reward[waiting], end[waiting] = 0.0, 0
+            flags[:, waiting] = False
+        over = flags[0] | flags[1]
+        self._end = end
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and np.any(over):
+            more["final_obs"], more["_final_obs"] = observation.copy(), over
+            more["final_info"] = {
+                name: values if name.startswith("_") else values.copy()
+                for name, values in self._info(end.copy(), cost.copy(), over).items()
+            }
+            more["_final_info"] = over.copy()
+            self._end = np.where(over, np.int8(0), end)
+            self._kernels.start(self._numbers, self._world, over, self._addresses, observation, cost)
+            self._over, self._any_over = np.zeros_like(over), False
+        else:
+            self._over, self._any_over = over, bool(np.any(over))
+        return observation, reward, flags[0], flags[1], {**self._info(self._end.copy(), cost), **more}
+
+    def _info(self, end: Any, cost: Any, rows: Any = None) -> dict[str, Any]:
+        info = {"end": end, "cost": cost}
+        if self.telemetry:
+            info |= telemetry(self.state, self.measure(), self.fleet.car)
+            info["is_success"] = (self._rows.column("settled_steps") >= self.configuration.steps_to_settle) & (end == 0)
+        here = np.ones(self.num_envs, np.bool_) if rows is None else rows
+        return {**info, **{f"_{name}": here for name in info}}
+
+    def _look(self, mask: Any, observation: Any, cost: Any) -> None:
+        self._kernels.look(self._numbers, self._world, mask, observation, cost)
+
+    def _forfeit(self, rows: Any) -> Any:
+        """What an invalid action costs: with the quadratic reward, all steps that are left at the worst."""
+        if self.reward != "quadratic":
+            return 0.0
+        steps = self._rows.column("steps")
+        cost = failure_cost(NUMPY)(steps, self.fleet.car, self.rules)
+        return -np.broadcast_to(cost, self.num_envs)[rows]
+
+    def _seed(self, seeds: list[int | None], mask: NDArray[np.bool_]) -> None:
+        if not self._generators:
+            self._generators = [seeding.np_random(seed)[0] for seed in seeds]
+        elif any(seed is not None for seed in seeds):
+            for row in np.flatnonzero(mask):
+                if seeds[row] is not None:
+                    self._generators[row] = seeding.np_random(seeds[row])[0]
+        else:
+            return
+        self._addresses = addresses(self._generators)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Compiled functions, threads and addresses stay in their process: all are made anew.
+        left = ("_kernels", "_step", "_pool", "_parts", "_addresses", "_numbers", "_world", "_blocks")
+        return {name: value for name, value in self.__dict__.items() if name not in left}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._bind()
+        self._addresses = addresses(self._generators)
+
+
+def _seeds(seed: Any, num_envs: int) -> list[int | None]:
+    if seed is None or isinstance(seed, (int, np.integer)):
+        first = None if seed is None else whole("seed", seed, 0, 2**63)
+        return [None if first is None else first + row for row in range(num_envs)]
+    if not isinstance(seed, (Sequence, np.ndarray)) or len(seed) != num_envs:
+        raise ValueError(f"seed must be None, a whole number, or num_envs = {num_envs} of them, got {seed!r}")
+    return [None if one is None else whole(f"seed[{row}]", one, 0, 2**63) for row, one in enumerate(seed)]
