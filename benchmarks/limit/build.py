@@ -1,0 +1,45 @@
+"""Build the C kernel of single_track.c, one library per tire, number type and block length."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+SOURCE = Path(__file__).parent / "single_track.c"
+STRICT = ("-O3", "-march=native")
+FAST = ("-O3", "-march=native", "-ffast-math")
+
+
+def flags(tire: str) -> tuple[str, ...]:
+    """The linear tire in strict arithmetic; the others with -ffast-math, which lets gcc call libmvec."""
+    return STRICT if tire == "linear" else FAST
+
+
+def build_line(tire: str, dtype: str, rows: int, target: str) -> list[str]:
+    """The command."""
+    real = {"float64": "double", "float32": "float"}[dtype]
+    names = [f"-DTIRE_{tire.upper()}", f"-DREAL={real}", f"-DROWS={rows}", *(["-DSINGLE"] if real == "float" else [])]
+    return ["gcc", *flags(tire), "-shared", "-fPIC", *names, str(SOURCE), "-o", target, "-lmvec", "-lm"]
+
+
+def kernel(tire: str, dtype: str = "float64", rows: int = 64) -> Callable[..., int]:
+    """``step(rows, world, actions, observation, values, flags, end, first, last)``, as the compiled Python takes it."""
+    with tempfile.TemporaryDirectory() as folder:
+        target = str(Path(folder) / "single_track.so")
+        subprocess.run(build_line(tire, dtype, rows, target), check=True)
+        step = ctypes.CDLL(target).step
+    step.restype = ctypes.c_long
+    step.argtypes = [ctypes.c_void_p] * 7 + [ctypes.c_long] * 4
+
+    def call(*arguments: Any) -> int:
+        arrays: tuple[np.ndarray, ...] = arguments[:7]
+        cars, axles = arrays[2].shape
+        return int(step(*(array.ctypes.data for array in arrays), cars, axles, *arguments[7:]))
+
+    return call

@@ -1,0 +1,209 @@
+/* One control step of BicycleStab-v0 for many cars, in C: what the compiled Python is measured against.
+
+   The same blocks in memory, the same equations, the same five RK4 substeps, end, cost, reward and observation as
+   bicycle_env/envs/block_kernels.py; the columns of a block and the numbers of `world` are in its order. The linear tire
+   (small angles) uses the package's polynomials for sine and cosine; the saturating tires (exact geometry) call libm,
+   which gcc replaces by the vector functions of libmvec. Build lines: benchmarks/limit/build.py.
+
+   -DTIRE_LINEAR | -DTIRE_TANH | -DTIRE_FIALA | -DTIRE_MAGIC_FORMULA, -DREAL=double|float (with float: -DSINGLE), -DROWS=rows a block. */
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#ifndef REAL
+#define REAL double
+#endif
+#ifndef ROWS
+#define ROWS 64
+#endif
+
+enum { X, Y, HEADING, V, R, FRONT, REAR, FRONT_COMMAND, REAR_COMMAND, STEPS, SETTLED, COLUMNS };
+enum {
+    STEP_LIMIT, SPEED, MASS, INERTIA, A, B, CF, CR, FRONT_PEAK, REAR_PEAK, FRONT_ANGLE, REAR_ANGLE, FRONT_RATE,
+    REAR_RATE, FRONT_LAG, REAR_LAG, FRONT_EXTENT, REAR_EXTENT, WIDTH, TIMESTEP, SUBSTEPS, HORIZON, STEERS_FRONT,
+    STEERS_REAR, ROAD, SIDESLIP_LIMIT, YAW_LIMIT, HEADING_LIMIT, Y_TOLERANCE, HEADING_TOLERANCE, SIDESLIP_TOLERANCE,
+    YAW_TOLERANCE, Y_WEIGHT, HEADING_WEIGHT, SIDESLIP_WEIGHT, YAW_WEIGHT, EFFORT, SMOOTHNESS, COSTS,
+    PER_SCALE = COSTS + 8 + 4, ENTRIES = 8, BOUND = PER_SCALE + ENTRIES
+};
+
+static inline REAL least(REAL a, REAL b) { return a < b ? a : b; }
+static inline REAL most(REAL a, REAL b) { return a > b ? a : b; }
+
+#ifdef TIRE_LINEAR
+static inline REAL near_sine(REAL r) {
+    REAL z = r * r, z2 = z * z;
+    REAL low = (-0.16666666666666666 + z * 0.008333333333333316) + z2 * (-0.00019841269841254795 + z * 2.7557319219115013e-06);
+    REAL high = (-2.505210761086116e-08 + z * 1.6058976915095007e-10) + z2 * (-7.643957622560617e-13 + z * 2.7312868913092307e-15);
+    return r + (r * z) * (low + (z2 * z2) * high);
+}
+static inline REAL near_cosine(REAL r) {
+    REAL z = r * r, z2 = z * z;
+    REAL low = (0.04166666666666666 + z * -0.0013888888888884717) + z2 * (2.4801587298886815e-05 + z * -2.755731856817136e-07);
+    REAL high = (2.0876681108263528e-09 + z * -1.1466234424282487e-11) + z2 * 4.646173408703228e-14;
+    return (1.0 - 0.5 * z) + z2 * (low + (z2 * z2) * high);
+}
+static inline REAL half_turns(REAL size) { return floor(size * (1.0 / M_PI) + 0.5); }
+static inline REAL reduced(REAL size, REAL n) {
+    return ((size - n * 3.1415926534682512) - n * 1.2154201012607932e-10) - n * 4.044532497591901e-21;
+}
+static inline REAL sign(REAL n) { return 1.0 - 2.0 * (n - 2.0 * floor(0.5 * n)); }
+static inline REAL sine(REAL x) {
+    REAL n = half_turns(fabs(x)), s = sign(n) * near_sine(reduced(fabs(x), n));
+    return x < 0.0 ? -s : s;
+}
+static inline REAL cosine(REAL x) {
+    REAL n = half_turns(fabs(x));
+    return sign(n) * near_cosine(reduced(fabs(x), n));
+}
+#define ANGLE(x) (x)
+#define STEERED(x) ((REAL)1.0)
+#define FORCE(slip, stiffness, peak) (-(stiffness) * (slip))
+#else
+/* Under names of our own gcc does not merge sin and cos of one angle into a call that libmvec does not have. */
+#define SIMD __attribute__((simd("notinbranch"), const))
+#define VECTOR2(ours, name) extern REAL ours(REAL) __asm__(#name) SIMD;
+#define VECTOR(ours, name) VECTOR2(ours, name)
+#ifdef SINGLE
+VECTOR(sine, sinf) VECTOR(cosine, cosf) VECTOR(tangent, tanf) VECTOR(arctangent, atanf) VECTOR(hyperbolic, tanhf)
+#else
+VECTOR(sine, sin) VECTOR(cosine, cos) VECTOR(tangent, tan) VECTOR(arctangent, atan) VECTOR(hyperbolic, tanh)
+#endif
+#define ANGLE(x) arctangent(x)
+#define STEERED(x) cosine(x)
+#ifdef TIRE_TANH
+static inline REAL force(REAL slip, REAL stiffness, REAL peak) { return -peak * hyperbolic(slip * (stiffness / peak)); }
+#elif defined(TIRE_FIALA)
+static inline REAL force(REAL slip, REAL stiffness, REAL peak) {
+    REAL sliding = arctangent(3.0 * peak / stiffness);
+    REAL z = least(tangent(least(fabs(slip), sliding)) * (stiffness / (3.0 * peak)), 1.0);
+    REAL y = peak * (z * (3.0 - z * (3.0 - z)));
+    return slip > 0.0 ? -y : y;
+}
+#else
+static inline REAL force(REAL slip, REAL stiffness, REAL peak) {
+    REAL x = slip * (stiffness / (1.3 * peak));
+    return -peak * sine(1.3 * arctangent(x + 1.0 * (x - arctangent(x))));
+}
+#endif
+#define FORCE(slip, stiffness, peak) force(slip, stiffness, peak)
+#endif
+
+typedef struct { REAL x, y, heading, v, r, front, rear; } State;
+
+static inline State rates(State s, REAL front_command, REAL rear_command, const REAL *w) {
+    REAL per_speed = 1.0 / w[SPEED];
+    REAL front_slip = ANGLE((s.v + w[A] * s.r) * per_speed) - s.front;
+    REAL rear_slip = ANGLE((s.v - w[B] * s.r) * per_speed) - s.rear;
+    REAL yf = FORCE(front_slip, w[CF], w[FRONT_PEAK]) * STEERED(s.front);
+    REAL yr = FORCE(rear_slip, w[CR], w[REAR_PEAK]) * STEERED(s.rear);
+    State d;
+#ifdef TIRE_LINEAR
+    d.x = w[SPEED];
+    d.y = s.v + w[SPEED] * s.heading;
+#else
+    REAL si = sine(s.heading), co = cosine(s.heading);
+    d.x = w[SPEED] * co - s.v * si;
+    d.y = w[SPEED] * si + s.v * co;
+#endif
+    d.heading = s.r;
+    d.v = (yf + yr) * (1.0 / w[MASS]) - s.r * w[SPEED];
+    d.r = (w[A] * yf - w[B] * yr) * (1.0 / w[INERTIA]);
+    d.front = most(least((front_command - s.front) * (1.0 / w[FRONT_LAG]), w[FRONT_RATE]), -w[FRONT_RATE]);
+    d.rear = most(least((rear_command - s.rear) * (1.0 / w[REAR_LAG]), w[REAR_RATE]), -w[REAR_RATE]);
+    return d;
+}
+
+static inline State moved(State s, State d, REAL t) {
+    s.x += t * d.x; s.y += t * d.y; s.heading += t * d.heading; s.v += t * d.v; s.r += t * d.r;
+    s.front += t * d.front; s.rear += t * d.rear;
+    return s;
+}
+
+long step(REAL *rows, const REAL *world, const float *actions, float *observation, double *values, uint8_t *flags,
+          int8_t *end, long cars, long axles, long first, long last) {
+    REAL w[BOUND + ENTRIES];
+    memcpy(w, world, sizeof w);
+    const REAL h = w[TIMESTEP] / w[SUBSTEPS];
+    const int substeps = (int)w[SUBSTEPS];
+    for (long row = first * ROWS; row < (last * ROWS < cars ? last * ROWS : cars); row++)
+        for (long j = 0; j < axles; j++)
+            if (!__builtin_isfinite(actions[row * axles + j])) return -1;
+    long ended = 0;
+    for (long block = first; block < last; block++) {
+        REAL c[COLUMNS][ROWS], front[ROWS], rear[ROWS], front_command[ROWS], rear_command[ROWS];
+        REAL reward[ROWS], cost[ROWS], code[ROWS];
+        float seen[ENTRIES][ROWS];
+        const long row = block * ROWS;
+        const int here = cars - row < ROWS ? (int)(cars - row) : ROWS;
+        memcpy(c, rows + block * COLUMNS * ROWS, sizeof c);
+        memset(front, 0, sizeof front);
+        memset(rear, 0, sizeof rear);
+        for (int k = 0; k < here; k++) {
+            front[k] = actions[(row + k) * axles];
+            rear[k] = actions[(row + k) * axles + axles - 1];
+        }
+        for (int k = 0; k < ROWS; k++) {
+            front[k] = most(least(front[k], 1.0), -1.0) * w[STEERS_FRONT];
+            rear[k] = most(least(rear[k], 1.0), -1.0) * w[STEERS_REAR];
+            front_command[k] = front[k] * w[FRONT_ANGLE];
+            rear_command[k] = rear[k] * w[REAR_ANGLE];
+        }
+        for (int substep = 0; substep < substeps; substep++)
+            for (int k = 0; k < ROWS; k++) {
+                State s = {c[X][k], c[Y][k], c[HEADING][k], c[V][k], c[R][k], c[FRONT][k], c[REAR][k]};
+                State k1 = rates(s, front_command[k], rear_command[k], w);
+                State k2 = rates(moved(s, k1, 0.5 * h), front_command[k], rear_command[k], w);
+                State k3 = rates(moved(s, k2, 0.5 * h), front_command[k], rear_command[k], w);
+                State k4 = rates(moved(s, k3, h), front_command[k], rear_command[k], w);
+                s = moved(moved(moved(moved(s, k1, h / 6.0), k2, h / 3.0), k3, h / 3.0), k4, h / 6.0);
+                c[X][k] = s.x; c[Y][k] = s.y; c[HEADING][k] = s.heading; c[V][k] = s.v; c[R][k] = s.r;
+                c[FRONT][k] = s.front; c[REAR][k] = s.rear;
+            }
+        for (int k = 0; k < ROWS; k++) {
+            REAL y = c[Y][k], heading = c[HEADING][k], v = c[V][k], r = c[R][k];
+            int spun = (fabs(v) > w[SIDESLIP_LIMIT] * w[SPEED]) | (fabs(r) > w[YAW_LIMIT])
+                     | (fabs(heading) > w[HEADING_LIMIT]);
+            int left = fabs(y) > w[ROAD] + 0.5 * w[WIDTH];
+            code[k] = spun ? 1.0 : left ? 2.0 : 0.0;
+            REAL s = sine(heading);
+            REAL reach = most(fabs(y + w[FRONT_EXTENT] * s), fabs(y - w[REAR_EXTENT] * s))
+                       + 0.5 * w[WIDTH] * fabs(cosine(heading));
+            cost[k] = reach > w[ROAD] ? 1.0 : 0.0;
+            REAL sideslip = v / w[SPEED];
+            REAL df = front[k] - c[FRONT_COMMAND][k] / w[FRONT_ANGLE];
+            REAL dr = rear[k] - c[REAR_COMMAND][k] / w[REAR_ANGLE];
+            reward[k] = 1.0 / (1.0 + w[Y_WEIGHT] * (y * y) + w[HEADING_WEIGHT] * (heading * heading)
+                + w[SIDESLIP_WEIGHT] * (sideslip * sideslip) + w[YAW_WEIGHT] * (r * r)
+                + w[EFFORT] * (front[k] * front[k]) + w[EFFORT] * (rear[k] * rear[k])
+                + w[SMOOTHNESS] * (df * df) + w[SMOOTHNESS] * (dr * dr));
+            int settled = (fabs(y) < w[Y_TOLERANCE]) & (fabs(heading) < w[HEADING_TOLERANCE])
+                        & (fabs(v) < w[SIDESLIP_TOLERANCE] * w[SPEED]) & (fabs(r) < w[YAW_TOLERANCE]);
+            c[SETTLED][k] = settled ? c[SETTLED][k] + 1.0 : 0.0;
+            c[STEPS][k] += 1.0;
+            c[FRONT_COMMAND][k] = front_command[k];
+            c[REAR_COMMAND][k] = rear_command[k];
+        }
+        static const int shown[ENTRIES] = {Y, HEADING, V, R, FRONT, REAR, FRONT_COMMAND, REAR_COMMAND};
+        for (int j = 0; j < ENTRIES; j++) {
+            const float bound = w[BOUND + j];
+            for (int k = 0; k < ROWS; k++) {
+                float value = c[shown[j]][k] * w[PER_SCALE + j];
+                value = value > -bound ? value : -bound;
+                seen[j][k] = value < bound ? value : bound;
+            }
+        }
+        memcpy(rows + block * COLUMNS * ROWS, c, sizeof c);
+        for (int k = 0; k < here; k++) {
+            const int late = c[STEPS][k] >= w[STEP_LIMIT], over = code[k] > 0.0;
+            values[row + k] = reward[k];
+            values[cars + row + k] = cost[k];
+            end[row + k] = (int8_t)code[k];
+            flags[row + k] = over;
+            flags[cars + row + k] = late;
+            ended += over | late;
+            for (int j = 0; j < ENTRIES; j++) observation[(row + k) * ENTRIES + j] = seen[j][k];
+        }
+    }
+    return ended;
+}
