@@ -124,8 +124,10 @@ def equilibrium_branches(
 
 def _described(plane: SteerPlane, rows: Array, ends: tuple[str, str]) -> EquilibriumBranch:
     """The public form of a branch, with its bifurcations as further rows."""
-    found = [(place, "fold", x) for place, x in changes(plane, rows, lambda x: float(plane.tangent(x)[1]))]
-    found += [(place, "hopf", x) for place, x in changes(plane, rows, plane.divergence) if plane.tangent(x)[1] > 0.0]
+    found = [(place, "fold", x) for place, x in changes(plane, rows, plane.determinant)]
+    for place, x in changes(plane, rows, plane.divergence):
+        if plane.gradient(x)[0] > 0.0:  # det J > 0: a pair of imaginary eigenvalues, not two of opposite sign
+            found.append((place, "hopf", x))
     found.sort(key=lambda item: item[0])
     places = [place + 1 for place, _, _ in found]
     if found:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.equilibria import RearBalance, root
 from bicycle_env.physics.dual_numbers import Dual, dual_namespace
-from bicycle_env.physics.elementary import PYTHON
+from bicycle_env.physics.elementary import NUMPY, PYTHON
 
 Array = NDArray[np.float64]
 
@@ -44,39 +44,39 @@ class SteerPlane:
         """(front, rear) steer angles, rad, from the free one."""
         return (steer, self.other_steer) if self.front else (self.other_steer, steer)
 
-    def gradient(self, x: Array) -> tuple[float, Array]:
-        """g and its gradient (2,) at x."""
+    def value(self, x: Array) -> float:
+        """g at x."""
+        slip, steer = (x * self.scale).tolist()
+        return float(self.balance.residual(slip, *self.pair(steer), xp=PYTHON))
+
+    def gradient(self, x: Array) -> Array:
+        """(2,) of g at x."""
         slip, steer = (x * self.scale).tolist()
         dual = dual_namespace(PYTHON)
         by_slip = self.balance.residual(Dual(slip, 1.0), *self.pair(Dual(steer, 0.0)), xp=dual)
         by_steer = self.balance.residual(Dual(slip, 0.0), *self.pair(Dual(steer, 1.0)), xp=dual)
-        return float(by_slip.value), np.array([by_slip.slope, by_steer.slope]) * self.scale
+        return np.array([by_slip.slope * self.scale, by_steer.slope * self.scale])
 
-    def tangent(self, x: Array) -> Array:
-        """(2,) of length 1; its second component has the sign of dg/d(rear slip), so of det J, and is 0 at a fold."""
-        _, (by_slip, by_steer) = self.gradient(x)
-        return np.array([-by_steer, by_slip]) / math.hypot(by_slip, by_steer)
+    def determinant(self, slip: Any, steer: Any, *, xp: Any) -> Any:
+        """dg/d(rear slip), a positive multiple of det J: 0 at a fold. Angles in rad; floats or arrays, as xp."""
+        return self.balance.slope(slip, *self.pair(steer), xp=xp)
 
-    def divergence(self, x: Array) -> float:
-        """Trace of the Jacobian of (V', r'), 1/s: 0 at a Hopf bifurcation."""
-        slip, steer = (x * self.scale).tolist()
-        v, r = self.balance.state(slip, self.pair(steer)[1], xp=PYTHON)
-        rates, dual = self.balance.model.rates, dual_namespace(PYTHON)
-        by_velocity, _ = rates(Dual(v, 1.0), Dual(r, 0.0), *self.pair(steer), xp=dual)
-        _, by_yaw_rate = rates(Dual(v, 0.0), Dual(r, 1.0), *self.pair(steer), xp=dual)
-        return float(by_velocity.slope + by_yaw_rate.slope)
+    def divergence(self, slip: Any, steer: Any, *, xp: Any) -> Any:
+        """Trace of the Jacobian of (V', r'), 1/s: 0 at a Hopf bifurcation. Angles in rad; floats or arrays, as xp."""
+        v, r = self.balance.state(slip, self.pair(steer)[1], xp=xp)
+        rates, dual, one = self.balance.model.rates, dual_namespace(xp), 1.0 + 0.0 * v
+        by_velocity, _ = rates(Dual(v, one), Dual(r, 0.0 * one), *self.pair(steer), xp=dual)
+        _, by_yaw_rate = rates(Dual(v, 0.0 * one), Dual(r, one), *self.pair(steer), xp=dual)
+        return by_velocity.slope + by_yaw_rate.slope
 
-    def value(self, x: Array) -> float:
-        slip, steer = (x * self.scale).tolist()
-        return float(self.balance.residual(slip, *self.pair(steer), xp=PYTHON))
+    def corrected(self, guess: Array, direction: Array, gradient: Array) -> Array | None:
+        """The point of the curve on the line through the guess at a right angle to the direction; None if not found.
 
-    def corrected(self, guess: Array, direction: Array) -> Array | None:
-        """The point of the curve on the line through the guess at a right angle to the direction; None if not found."""
+        The gradient (2,) of a point nearby gives Newton's first step; secants follow.
+        """
         across = np.array([-direction[1], direction[0]])
-        value, (by_slip, by_steer) = self.gradient(guess)
-        rate = by_slip * across[0] + by_steer * across[1]
-        distance = 0.0
-        for _ in range(12):  # a Newton step, then secants
+        distance, value, rate = 0.0, self.value(guess), float(gradient @ across)
+        for _ in range(12):
             change = -value / rate if rate != 0.0 else math.inf
             if not abs(distance + change) < 1.0:
                 return None
@@ -115,20 +115,21 @@ def branch_through(plane: SteerPlane, start: Array) -> tuple[Array, tuple[str, s
 def _trace(plane: SteerPlane, start: Array, sense: float) -> tuple[list[Array], str]:
     """Points after the start up to the end of the branch, and why it ends there."""
     rows: list[Array] = []
-    x, tangent, step = start, sense * plane.tangent(start), FIRST_STEP
-    beginning = tangent
+    x, gradient, step = start, plane.gradient(start), FIRST_STEP
+    tangent = beginning = sense * _tangent(gradient)
     while step > SMALLEST_STEP:
-        following = plane.corrected(x + step * tangent, tangent)
+        following = plane.corrected(x + step * tangent, tangent, gradient)
         if following is None or plane.is_sliding(following):
             step *= 0.5
             continue
-        turned = sense * plane.tangent(following)
+        there = plane.gradient(following)
+        turned = sense * _tangent(there)
         turn, length = math.hypot(*(turned - tangent)), math.hypot(*(following - x))
         if turn > LARGEST_TURN or length > 1.2 * step:
             step *= 0.5
             continue
         if plane.outside(following) >= 0.0:
-            end = _located(plane, x, tangent, step, plane.outside)
+            end = _located(plane, x, following, plane.outside)
             if math.hypot(*(end - x)) > SMALLEST_STEP:
                 rows.append(end)
             steer, sideslip = plane.limits(following)
@@ -142,8 +143,13 @@ def _trace(plane: SteerPlane, start: Array, sense: float) -> tuple[list[Array], 
         bending = abs(turned[1] - tangent[1]) / length
         if 3.0 * bending * step > abs(turned[1]):
             step = max(abs(turned[1]) / (3.0 * bending), min(step, STEP_NEAR_A_FOLD))
-        x, tangent = following, turned
+        x, tangent, gradient = following, turned, there
     return rows, "full sliding"
+
+
+def _tangent(gradient: Array) -> Array:
+    """(2,) of length 1; its second component has the sign of dg/d(rear slip), and is 0 at a fold."""
+    return np.array([-gradient[1], gradient[0]]) / math.hypot(*gradient)
 
 
 def passes(plane: SteerPlane, rows: Array, point: Array) -> bool:
@@ -155,35 +161,35 @@ def passes(plane: SteerPlane, rows: Array, point: Array) -> bool:
     ahead = np.sum(offset * directions, axis=1)
     aside = np.hypot(*(offset - ahead[:, None] * directions).T)
     for k in np.flatnonzero((ahead > -1e-3) & (ahead < lengths + 1e-3) & (aside < 0.5 * lengths + 1e-3)):
-        again = plane.corrected(rows[k] + ahead[k] * directions[k], directions[k])
+        again = plane.corrected(rows[k] + ahead[k] * directions[k], directions[k], plane.gradient(rows[k]))
         if again is not None and math.hypot(*(again - point)) < 1e-3:
             return True
     return False
 
 
-def changes(plane: SteerPlane, rows: Array, indicator: Callable[[Array], float]) -> list[tuple[int, Array]]:
-    """Where an indicator changes sign along a branch: (k, x) with x between rows k and k + 1, solved to rounding."""
-    values = np.array([indicator(row) for row in rows])
-    found = []
-    for k in np.flatnonzero(np.diff(np.sign(values)) != 0.0).tolist():
-        along = rows[k + 1] - rows[k]
-        length = math.hypot(*along)
-        found.append((k, _located(plane, rows[k], along / length, length, indicator)))
-    return found
+def changes(plane: SteerPlane, rows: Array, indicator: Callable[..., Any]) -> list[tuple[int, Array]]:
+    """Where an indicator(slip, steer, xp=...) changes sign along a branch: (k, x), x between rows k and k + 1."""
+
+    def at(x: Array) -> float:
+        return float(indicator(*(x * plane.scale).tolist(), xp=PYTHON))
+
+    values = indicator(*(rows.T * plane.scale), xp=NUMPY)
+    found = np.flatnonzero(np.diff(np.sign(values)) != 0.0).tolist()
+    return [(k, _located(plane, rows[k], rows[k + 1], at)) for k in found]
 
 
-def _located(
-    plane: SteerPlane, x: Array, direction: Array, length: float, indicator: Callable[[Array], float]
-) -> Array:
-    """The point within a step at which the indicator is zero: the curve's equation inside, one variable outside."""
+def _located(plane: SteerPlane, x: Array, following: Array, indicator: Callable[[Array], float]) -> Array:
+    """The point between two rows at which an indicator is zero: the curve's equation inside, one variable outside."""
+    length = math.hypot(*(following - x))
+    direction, gradient = (following - x) / length, plane.gradient(x)
 
     def at(distance: float) -> Array:
-        point = plane.corrected(x + distance * direction, direction)
+        point = plane.corrected(x + distance * direction, direction, gradient)
         if point is None:
             raise RuntimeError(f"the continuation lost a branch of steady turns near (slip, steer) = {x * plane.scale}")
         return point
 
-    ends = [(abs(value), distance, value) for distance in (0.0, length) for value in [indicator(at(distance))]]
-    if ends[0][2] * ends[1][2] >= 0.0:  # zero to rounding at one of them
-        return at(min(ends)[1])
+    first, last = indicator(at(0.0)), indicator(at(length))
+    if first * last >= 0.0:  # zero to rounding at one of them
+        return at(0.0 if abs(first) < abs(last) else length)
     return at(root(lambda distance: indicator(at(distance)), 0.0, length))

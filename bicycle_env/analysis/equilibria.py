@@ -194,18 +194,21 @@ class RearBalance:
 
 def turns_at(balance: RearBalance, steer: tuple[float, float], sideslip_limit: float) -> Array:
     """Rear slip angles (n,) of all isolated steady turns within the sideslip limit."""
-    # Between neighbours of the final nodes both axles slide, or the residual is monotone.
     nodes = _nodes(balance, steer, sideslip_limit)
     sliding = balance.is_sliding(nodes, *steer)
     edges = [_edge(balance, steer, low, high) for low, high in _brackets(nodes, sliding[1:] != sliding[:-1])]
-    nodes = np.unique([*nodes, *itertools.chain(*edges)])
+    nodes, order = np.unique([*nodes, *itertools.chain(*edges)], return_index=True)
+    sliding = np.concatenate([sliding, *(balance.is_sliding(np.array(edge), *steer) for edge in edges)])[order]
     slopes = balance.slope(nodes, *steer)
-    turning = _live(balance, steer, nodes) & (slopes[1:] * slopes[:-1] < 0.0)
-    nodes = np.unique([*nodes, *(_root(balance.slope, steer, *pair) for pair in _brackets(nodes, turning))])
+    turning = ~(sliding[1:] | sliding[:-1]) & (slopes[1:] * slopes[:-1] < 0.0)
+    extrema = [_root(balance.slope, steer, *pair) for pair in _brackets(nodes, turning)]
+    nodes, order = np.unique([*nodes, *extrema], return_index=True)
+    sliding = np.append(sliding, np.zeros(len(extrema), np.bool_))[order]
 
+    # Between neighbours both axles slide, or the residual is monotone.
     values = balance.residual(nodes, *steer)
-    at_nodes = nodes[(values == 0.0) & ~balance.is_sliding(nodes, *steer)]
-    change = _live(balance, steer, nodes) & (values[1:] * values[:-1] < 0.0)
+    at_nodes = nodes[(values == 0.0) & ~sliding]
+    change = ~(sliding[1:] | sliding[:-1]) & (values[1:] * values[:-1] < 0.0)
     between = np.array([_root(balance.residual, steer, *pair) for pair in _brackets(nodes, change)])
     same = np.abs(between[:, None] - at_nodes) < 1e-9 * balance.model.rear_slip_scale  # at the critical speed
     slips = np.concatenate([at_nodes, between[~np.any(same, axis=1)]])
@@ -232,13 +235,6 @@ def _nodes(balance: RearBalance, steer: tuple[float, float], sideslip_limit: flo
         nodes = np.unique([*nodes, *(0.5 * (nodes[:-1] + nodes[1:])[coarse])])
 
 
-def _live(balance: RearBalance, steer: tuple[float, float], nodes: Array) -> NDArray[np.bool_]:
-    """(n - 1,): whether no end of an interval slides on both axles."""
-    sliding = balance.is_sliding(nodes, *steer)
-    live: NDArray[np.bool_] = ~(sliding[1:] | sliding[:-1])
-    return live
-
-
 def _brackets(nodes: Array, chosen: NDArray[np.bool_]) -> list[tuple[float, float]]:
     return list(zip(nodes[:-1][chosen].tolist(), nodes[1:][chosen].tolist(), strict=True))
 
@@ -257,11 +253,10 @@ def root(function: Callable[[float], float], low: float, high: float) -> float:
 
 def _edge(balance: RearBalance, steer: tuple[float, float], low: float, high: float) -> tuple[float, float]:
     """Two rear slip angles, 1e-9 of the interval apart, between which sliding of both axles begins or ends."""
-    before, closeness = balance.is_sliding(low, *steer, xp=PYTHON), 1e-9 * (high - low)
+    closeness = 1e-9 * (high - low)
     while high - low > closeness:
-        middle = 0.5 * (low + high)
-        if balance.is_sliding(middle, *steer, xp=PYTHON) == before:
-            low = middle
-        else:
-            high = middle
+        nodes = np.linspace(low, high, 65)
+        sliding = balance.is_sliding(nodes, *steer)
+        first = int(np.argmax(sliding != sliding[0]))
+        low, high = float(nodes[first - 1]), float(nodes[first])
     return low, high
