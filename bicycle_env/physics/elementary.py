@@ -23,6 +23,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 PI_2 = np.pi / 2
 PI_4 = np.pi / 4
+PER_PI = 1.0 / np.pi
 
 # pi in three parts; multiples up to 2^20 of the first two are exact (Cody and Waite's reduction).
 PI_HIGH = 3.1415926534682512
@@ -124,7 +125,7 @@ def half_turns(xp: Any) -> Callable[[Any], tuple[Any, Any]]:
 
     def half_turns(x: Any) -> tuple[Any, Any]:
         size = abs(x)
-        n = xp.floor(size * (1.0 / np.pi) + 0.5)
+        n = xp.floor(size * PER_PI + 0.5)
         return n, ((size - n * PI_HIGH) - n * PI_MIDDLE) - n * PI_LOW
 
     return half_turns
