@@ -6,9 +6,10 @@ The two equations are one. In a steady turn the axles share the centripetal forc
 
 so the rear slip angle alone gives the yaw rate (second equation), then V (definition 6.20 of the rear slip angle), and
 what is left is one function of one variable, the yaw acceleration r' of that state. No law is inverted: the method is
-the same for a law that rises for ever, one that saturates and one that falls beyond its peak. And along that curve
+the same for a law that rises for ever, one that saturates and one that falls beyond its peak. Along that curve, with J
+the Jacobian of (V', r') with respect to (V, r),
 
-    det J = (slope of the tangent)^-1 dr'/d(rear slip)        J: Jacobian of (V', r') with respect to (V, r)
+    det J = cos^2(rear slip + rear steer) dr'/d(rear slip)        in small angles without the cosine
 
 so the zeros where r' falls are the saddles, those where it rises are the others, and the two kinds alternate.
 """

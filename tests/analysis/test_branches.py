@@ -9,6 +9,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from bicycle_env import Vehicle, analysis, simulate, vehicles
+from bicycle_env.analysis.continuation import SteerPlane, branch_through, changes
+from bicycle_env.analysis.equilibria import RearBalance, root
 from bicycle_env.analysis.nonlinear_model import NonlinearModel
 
 GRAVITY = 9.81
@@ -173,8 +175,9 @@ def test_arrays_and_their_shapes():
         np.testing.assert_array_equal(branch.lateral_acceleration, branch.yaw_rate * 25.0)
         np.testing.assert_array_equal(branch.is_stable, np.char.startswith(branch.kind, "stable"))
         # a smooth line, each point on its own
-        steps = np.hypot(np.diff(branch.front_steer), np.diff(branch.sideslip))
-        assert np.all((steps > 0.0) & (steps < 0.1))
+        steps = np.diff(branch.front_steer) + 1j * np.diff(branch.sideslip)
+        assert np.all((np.abs(steps) > 0.0) & (np.abs(steps) < 0.1))
+        assert np.max(np.abs(np.angle(steps[1:] / steps[:-1]))) < 0.25
 
 
 def test_understeering_car_has_one_stable_branch():
@@ -204,6 +207,19 @@ def test_folds_come_together_at_the_critical_speed():
         )
         steers.append(max(fold.front_steer for fold in branch.bifurcations))
     assert steers[0] / steers[1] == pytest.approx(10.0**1.5, rel=0.02)
+
+
+def test_two_folds_close_to_each_other_are_both_found():
+    """Coming from afar, with long steps, to the S that is left at 0.9999 of the critical speed."""
+    model = NonlinearModel("oversteer", 0.9999 * CRITICAL, "tanh", 1.0, "small_angle")
+    plane = SteerPlane(RearBalance(model), True, 0.0, 0.2, 1.0)
+    start = np.array([3.0, 0.0])
+    start[1] = root(lambda steer: plane.value(np.array([3.0, steer])), -3.0, 3.0)
+    rows, _ = branch_through(plane, start)
+    folds = changes(plane, rows, plane.determinant)
+    assert len(folds) == 2
+    expected = model.rear_slip_scale * math.acosh(1.0 / 0.9999)  # 0.014 slip scales on either side
+    np.testing.assert_allclose([abs(x[0]) * plane.scale for _, x in folds], expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("tire", ["tanh", "fiala", "magic_formula"])

@@ -250,6 +250,15 @@ def test_saddles_and_others_alternate(seed):
     assert all(this != following for this, following in itertools.pairwise(saddles))
 
 
+def test_the_sideslip_limit_selects():
+    everything = analysis.equilibria("oversteer", 28.0, (0.003, 0.0))
+    sideslips = sorted(abs(turn.sideslip) for turn in everything)
+    for limit, count in ((0.05, 1), (0.1, 2), (0.2, 3), (0.9, 5)):
+        inside = analysis.equilibria("oversteer", 28.0, (0.003, 0.0), sideslip_limit=limit)
+        assert [abs(turn.sideslip) <= limit for turn in inside] == [True] * count
+        assert sideslips[:count] == pytest.approx(sorted(abs(turn.sideslip) for turn in inside), abs=1e-12)
+
+
 def test_the_determinant_is_the_slope_of_the_residual():
     """det J = cos^2(rear slip + rear steer) dr'/d(rear slip), whatever the state on the curve."""
     model, steer = NonlinearModel("oversteer", 28.0, "magic_formula", 0.9), (0.05, -0.03)
