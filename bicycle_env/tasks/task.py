@@ -183,7 +183,9 @@ STATE_RANGES = {
 }
 
 
-def checked_state(given: object, front_limit: float, rear_limit: float) -> dict[str, float]:
+def checked_state(
+    given: object, front_limit: float, rear_limit: float, label: str = "options['state']"
+) -> dict[str, float]:
     """Values of all settable state names, 0 where not given; ValueError or TypeError if one is bad.
 
     Settable are the fields of CarState and the two last commands; steer angles lie within the actuators' limits.
@@ -196,11 +198,11 @@ def checked_state(given: object, front_limit: float, rear_limit: float) -> dict[
         "rear_steer_command": (-rear_limit, rear_limit),
     }
     if not isinstance(given, Mapping):
-        raise TypeError(f"options['state'] must be a mapping of state names to numbers, got {given!r}")
+        raise TypeError(f"{label} must be a mapping of state names to numbers, got {given!r}")
     known_keys("state name", given, ranges)
     values = dict.fromkeys(ranges, 0.0)
     for name, value in given.items():
-        values[name] = number(f"options['state'][{name!r}]", value, *ranges[name])
+        values[name] = number(f"{label}[{name!r}]", value, *ranges[name])
     return values
 
 
