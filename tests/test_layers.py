@@ -42,12 +42,13 @@ ROWS = {
     "provenance": Row(set(), set()),
     "analysis": Row({"physics"}, {"numpy", "scipy", "numba"}, lazy_packages={"control", "tqdm"}),
     "tasks": Row({"analysis", "physics"}, {"numpy"}),
-    "control": Row({*BELOW_ENVS, "files"}, {"numpy", "scipy", "numba"}, lazy_packages={"safetensors"}),
-    "envs": Row(BELOW_ENVS, {"gymnasium", "numpy", "numba", "llvmlite"}, lazy_layers={"rendering"}, lazy_packages={"torch"}),
-    "rendering": Row(BELOW_ENVS, {"pygame", "numpy", "gymnasium"}),
-    "wrappers": Row(
-        {*BELOW_ENVS, "envs", "files"}, {"gymnasium", "numpy"}, lazy_packages={"stable_baselines3", "torch"}
+    "control": Row({*BELOW_ENVS, "files"}, {"numpy", "scipy", "numba"}, lazy_packages={"casadi", "safetensors"}),
+    "envs": Row(
+        BELOW_ENVS, {"gymnasium", "numpy", "numba", "llvmlite"}, lazy_layers={"rendering"}, lazy_packages={"torch"}
     ),
+    "rendering": Row(BELOW_ENVS, {"pygame", "numpy", "gymnasium"}),
+    "wrappers": Row({*BELOW_ENVS, "envs", "files"}, {"gymnasium", "numpy"}),
+    "wrappers.sb3_vec_env": Row(set(), {"gymnasium", "numpy", "stable_baselines3"}),  # imported when first named
     "plots": Row({*BELOW_ENVS, "files"}, {"numpy"}, lazy_packages={"matplotlib"}),
     "registration": Row(set(), {"gymnasium"}),
     "root": Row({"physics", "analysis", "registration"}, set(), lazy_layers={"plots", "rendering"}),
@@ -130,7 +131,8 @@ def name_of(path):
 def module_and_layer(path):
     parts = path.relative_to(ROOT).with_suffix("").parts
     layer = "root" if parts[1] == "__init__" else "cli" if parts[1] == "__main__" else parts[1]
-    return ".".join(parts), layer
+    own = ".".join(parts[1:])
+    return ".".join(parts), own if own in ROWS else layer
 
 
 OURS = modules_under(PACKAGE)
@@ -205,6 +207,7 @@ def test_the_layers_exist():
         ("rendering", "from bicycle_env.control import LQR"),
         ("rendering", "import matplotlib"),
         ("wrappers", "def f():\n    from bicycle_env.report import tables"),
+        ("wrappers", "def f():\n    import stable_baselines3"),
         ("envs", "from bicycle_env.cli import main"),
         ("root", "import gymnasium"),
         ("root", "from bicycle_env import envs"),
@@ -248,6 +251,7 @@ def test_the_package_and_an_environment_are_light():
         "import sys\n"
         "import gymnasium as gym\n"
         "import bicycle_env\n"
+        "import bicycle_env.wrappers\n"
         "bicycle_env.plots.episode\n"
         "gym.make('BicycleStab-v0')\n"
         "print(*sorted({name.split('.')[0] for name in sys.modules}))\n"
@@ -256,4 +260,13 @@ def test_the_package_and_an_environment_are_light():
     assert done.returncode == 0, done.stderr
     loaded = set(done.stdout.split())
     assert {"bicycle_env", "gymnasium", "numba", "numpy"} <= loaded
-    assert not loaded & {"torch", "stable_baselines3", "matplotlib", "pygame", "control", "tensorboard", "pandas"}
+    assert not loaded & {
+        "torch",
+        "casadi",
+        "stable_baselines3",
+        "matplotlib",
+        "pygame",
+        "control",
+        "tensorboard",
+        "pandas",
+    }

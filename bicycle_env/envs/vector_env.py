@@ -53,8 +53,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         max_episode_steps: time limit; by default the task's, -1: none.
         autoreset_mode: "NextStep", "SameStep" or "Disabled", or Gymnasium's enum. "SameStep" returns the last
             observation and info of a row that ended as ``info["final_obs"]`` (num_envs, entries) and
-            ``info["final_info"]``. "Disabled": reset rows by ``reset(options={"reset_mask": mask})``; a row that has
-            ended stays where it is.
+            ``info["final_info"]``, the latter with ``is_success``. "Disabled": reset rows by
+            ``reset(options={"reset_mask": mask})``; a row that has ended stays where it is.
         dtype: "float64", or "float32" for twice the speed.
         threads: share the rows among so many threads.
         staggered_start: the first episode of row i begins at a later time of its clock, evenly spread, so that the
@@ -324,6 +324,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         info = {"end": end, "cost": cost}
         if self.telemetry:
             info |= telemetry(self.state, self.measure(), self.fleet.car)
+        if self.telemetry or rows is not None:  # a row that has begun its next episode cannot be asked any more
             info["is_success"] = (self._rows.column("settled_steps") >= self.configuration.steps_to_settle) & (end == 0)
         here = np.ones(self.num_envs, np.bool_) if rows is None else rows
         return {**info, **{f"_{name}": here for name in info}}
