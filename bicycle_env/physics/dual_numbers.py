@@ -60,6 +60,9 @@ class Dual:
     def __rtruediv__(self, other: Any) -> Dual:
         return lifted(other) / self
 
+    def __pow__(self, exponent: float) -> Dual:
+        return Dual(self.value**exponent, exponent * self.value ** (exponent - 1) * self.slope)
+
     __radd__, __rmul__ = __add__, __mul__
 
     def __lt__(self, other: Any) -> Any:
@@ -68,6 +71,13 @@ class Dual:
 
     def __gt__(self, other: Any) -> Any:
         return -self < -lifted(other)
+
+    def __le__(self, other: Any) -> Any:
+        difference = self - other
+        return (difference.value < 0.0) | ((difference.value == 0.0) & (difference.slope <= 0.0))
+
+    def __ge__(self, other: Any) -> Any:
+        return -self <= -lifted(other)
 
     def __abs__(self) -> Dual:
         sign = 1.0 - 2.0 * (self < 0.0)

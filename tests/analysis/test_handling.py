@@ -175,6 +175,10 @@ def test_a_turn_beyond_the_friction_has_no_steer_angle():
     # the cosine of a large steer angle: on a tight circle less than mu g
     assert math.isnan(analysis.steer_for_turn("understeer", 9.7, radius=12.0))
     assert not math.isnan(analysis.steer_for_turn("understeer", 9.0, radius=12.0))
+    # the rear axle, steered more than the front one, carries mu g cos(0.3) = 9.37 m/s^2
+    steer = analysis.steer_for_turn("understeer", [9.3, 9.5], speed=40.0, rear_steer=-0.3)
+    assert abs(steer[0]) < 0.3
+    assert math.isnan(steer[1])
 
 
 @pytest.mark.parametrize(

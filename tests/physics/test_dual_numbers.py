@@ -26,6 +26,7 @@ def test_arithmetic_by_hand():
         "x 2": (x * 2.0, 6.0, 2.0),
         "6 / x": (6.0 / x, 2.0, -2.0 / 3.0),
         "x / 2": (x / 2.0, 1.5, 0.5),
+        "x^3": (x**3, 27.0, 27.0),
         "|-x|": (abs(-x), 3.0, 1.0),
     }
     for name, (result, value, slope) in results.items():
@@ -48,6 +49,11 @@ def test_a_comparison_asks_for_the_slope_where_the_values_are_equal():
     assert not Dual(0.0, 1.0) < 0.0
     assert Dual(0.0, -1.0) < 0.0
     assert not Dual(0.0, 0.0) > 0.0
+    assert Dual(0.0, 0.0) >= 0.0
+    assert Dual(0.0, 0.0) <= 0.0
+    assert not Dual(0.0, 1.0) <= 0.0
+    assert not Dual(0.0, -1.0) >= 0.0
+    assert Dual(-1.0, 9.0) <= 0.0
     assert Dual(1.0, 5.0) > Dual(1.0, 4.0)
     assert abs(Dual(0.0, -2.0)).slope == 2.0
 
