@@ -1,7 +1,7 @@
 /* One control step of BicycleStab-v0 for many cars, in C: what the compiled Python is measured against.
 
    The same blocks in memory, the same equations, the same five RK4 substeps, end, cost, reward and observation as
-   bicycle_env/envs/block_kernels.py; the columns of a block and the numbers of `world` are in its order. The linear tire
+   bicycle_env/envs/block_kernels.py; the columns of a block and the shared numbers are in its order. The linear tire
    (small angles) uses the package's polynomials for sine and cosine; the saturating tires (exact geometry) call libm,
    which gcc replaces by the vector functions of libmvec. Build lines: benchmarks/limit/build.py.
 
@@ -20,7 +20,7 @@
 
 enum { X, Y, HEADING, V, R, FRONT, REAR, FRONT_COMMAND, REAR_COMMAND, STEPS, SETTLED, COLUMNS };
 enum {
-    STEP_LIMIT, SPEED, MASS, INERTIA, A, B, CF, CR, FRONT_PEAK, REAR_PEAK, FRONT_ANGLE, REAR_ANGLE, FRONT_RATE,
+    SIZE, STEP_LIMIT, SPEED, MASS, INERTIA, A, B, CF, CR, FRONT_PEAK, REAR_PEAK, FRONT_ANGLE, REAR_ANGLE, FRONT_RATE,
     REAR_RATE, FRONT_LAG, REAR_LAG, FRONT_EXTENT, REAR_EXTENT, WIDTH, TIMESTEP, SUBSTEPS, HORIZON, STEERS_FRONT,
     STEERS_REAR, ROAD, SIDESLIP_LIMIT, YAW_LIMIT, HEADING_LIMIT, Y_TOLERANCE, HEADING_TOLERANCE, SIDESLIP_TOLERANCE,
     YAW_TOLERANCE, Y_WEIGHT, HEADING_WEIGHT, SIDESLIP_WEIGHT, YAW_WEIGHT, EFFORT, SMOOTHNESS, COSTS,
@@ -120,10 +120,10 @@ static inline State moved(State s, State d, REAL t) {
     return s;
 }
 
-long step(REAL *rows, const REAL *world, const float *actions, float *observation, double *values, uint8_t *flags,
+long step(REAL *numbers, const float *actions, float *observation, double *values, uint8_t *flags,
           int8_t *end, long cars, long axles, long first, long last) {
-    REAL w[BOUND + ENTRIES];
-    memcpy(w, world, sizeof w);
+    REAL w[BOUND + ENTRIES], *rows = numbers + (long)numbers[SIZE];
+    memcpy(w, numbers, sizeof w);
     const REAL h = w[TIMESTEP] / w[SUBSTEPS];
     const int substeps = (int)w[SUBSTEPS];
     for (long row = first * ROWS; row < (last * ROWS < cars ? last * ROWS : cars); row++)
@@ -201,6 +201,7 @@ long step(REAL *rows, const REAL *world, const float *actions, float *observatio
             end[row + k] = (int8_t)code[k];
             flags[row + k] = over;
             flags[cars + row + k] = late;
+            flags[2 * cars + row + k] = over | late;
             ended += over | late;
             for (int j = 0; j < ENTRIES; j++) observation[(row + k) * ENTRIES + j] = seen[j][k];
         }

@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from bicycle_env.envs import blocks
-from bicycle_env.envs.blocks import STEP_LIMIT, Kind, Pair, columns, layout, preview_times, store
+from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, store
 from bicycle_env.envs.draws import next_double
 from bicycle_env.physics import compiled
 from bicycle_env.physics.single_track import axles
@@ -28,20 +28,38 @@ BAD_ACTION = -1
 
 
 class Kernels(NamedTuple):
-    """The compiled functions; `rows` is the flat array of all blocks, `world` the numbers that all rows share."""
+    """The compiled functions. `numbers`: what all rows share, then the blocks, one flat array.
+
+    Of a step they fill observation (n, entries), values (2, n): reward and cost, flags (3, n): terminated, truncated,
+    either, and end (n,): codes.
+    """
 
     step: Callable[..., int]
-    """``step(rows, world, actions, observation, values, flags, end, first, last) -> rows that ended``.
+    """``step(numbers, actions, observation, values, flags, end, first, last) -> rows that ended``.
 
-    Of the blocks from `first` to before `last`. Fills observation (n, entries), values (2, n): reward and cost, flags
-    (2, n): terminated and truncated, end (n,): codes.
+    Of the blocks from `first` to before `last`.
     """
-    start: Callable[..., None]
-    """``start(rows, world, mask, generators, observation, cost)``: a random start of the rows in the mask (n,)."""
+    start: Callable[..., int]
+    """``start(numbers, mask, generators, observation, values, flags, end, whole) -> rows that had ended``.
+
+    A random start of the rows in the mask (n,). `whole`: nothing of the step that was taken is theirs.
+    """
     look: Callable[..., None]
-    """``look(rows, world, mask, observation, cost)``: the observation of the rows in the mask as they are."""
+    """``look(numbers, mask, observation, values)``: observation and cost of the rows in the mask as they are."""
     measure: Callable[..., None]
-    """``measure(rows, world, out)``: (len(telemetry.MEASURED), n)."""
+    """``measure(numbers, out)``: (len(telemetry.MEASURED), n)."""
+
+
+def number_type(kind: Kind) -> Any:
+    """numba's type of the numbers."""
+    return numba.from_dtype(np.dtype(kind.dtype))
+
+
+@compiled.inlined
+def split(numbers: Any) -> Any:
+    """What all rows share, and the blocks."""
+    size = int(numbers[SIZE])
+    return numbers[:size], numbers[size:]
 
 
 @functools.cache
@@ -69,8 +87,9 @@ def _step(kind: Kind) -> Any:
     limited = xp.function(limit)
 
     def step(
-        rows: Any, world: Any, actions: Any, observation: Any, values: Any, flags: Any, end: Any, first: Any, last: Any
+        numbers: Any, actions: Any, observation: Any, values: Any, flags: Any, end: Any, first: Any, last: Any
     ) -> int:
+        world, rows = split(numbers)
         cars, axle = actions.shape[0], actions.shape[1] - 1
         bad = False
         for row in range(first * length, min(last * length, cars)):
@@ -143,16 +162,16 @@ def _step(kind: Kind) -> Any:
                 end[row + k] = code_number
                 flags[0, row + k] = code_number > 0
                 flags[1, row + k] = late
-                ended += (code_number > 0) | late
+                over = (code_number > 0) | late
+                flags[2, row + k] = over
+                ended += over
                 for j in range(entries):
                     observation[row + k, j] = seen[k + j * length]
         return ended
 
-    number = numba.from_dtype(np.dtype(kind.dtype))
-    row_type, table = number[::1], numba.float32[:, ::1]
+    table = numba.float32[:, ::1]
     signature = numba.int64(
-        row_type,
-        row_type,
+        number_type(kind)[::1],
         table,
         table,
         numba.float64[:, ::1],
@@ -189,9 +208,13 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
 
     show = xp.function(show_row)
 
-    def start(rows: Any, world: Any, mask: Any, generators: Any, observation: Any, cost: Any) -> None:
+    def start(
+        numbers: Any, mask: Any, generators: Any, observation: Any, values: Any, flags: Any, end: Any, whole: Any
+    ) -> int:
+        world, rows = split(numbers)
         shared = access.shared(world)
         drawn = np.empty(uniforms)
+        over = 0
         for row in range(len(mask)):
             if mask[row]:
                 block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
@@ -201,22 +224,34 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
                 access.keep_state(block, k, state)
                 access.keep_memory(block, k, (0.0, 0.0, 0.0, 0.0))
                 keep_route(block, k, route)
-                cost[row] = show(block, k, world, shared, observation[row])
+                values[1, row] = show(block, k, world, shared, observation[row])
+                over += flags[2, row]
+                flags[2, row] = False
+                end[row] = 0
+                if whole:
+                    values[0, row] = 0.0
+                    flags[0, row] = False
+                    flags[1, row] = False
+        return over
 
-    def look(rows: Any, world: Any, mask: Any, observation: Any, cost: Any) -> None:
+    def look(numbers: Any, mask: Any, observation: Any, values: Any) -> None:
+        world, rows = split(numbers)
         shared = access.shared(world)
         for row in range(len(mask)):
             if mask[row]:
                 block = rows[row // length * block_size : (row // length + 1) * block_size]
-                cost[row] = show(block, row % length, world, shared, observation[row])
+                values[1, row] = show(block, row % length, world, shared, observation[row])
 
-    number = numba.from_dtype(np.dtype(kind.dtype))
-    row_type, mask_type, table, cost_type = number[::1], numba.boolean[::1], numba.float32[:, ::1], numba.float64[::1]
+    flat, mask_type, table = number_type(kind)[::1], numba.boolean[::1], numba.float32[:, ::1]
+    values_type, flags_type, end_type = numba.float64[:, ::1], numba.boolean[:, ::1], numba.int8[::1]
+    addresses = numba.uint64[::1]
     return (
         compiled.entry_point(
-            start, numba.void(row_type, row_type, mask_type, numba.uint64[::1], table, cost_type), nogil=True
+            start,
+            numba.int64(flat, mask_type, addresses, table, values_type, flags_type, end_type, numba.boolean),
+            nogil=True,
         ),
-        compiled.entry_point(look, numba.void(row_type, row_type, mask_type, table, cost_type), nogil=True),
+        compiled.entry_point(look, numba.void(flat, mask_type, table, values_type), nogil=True),
     )
 
 
@@ -227,7 +262,8 @@ def _measure(kind: Kind) -> Any:
     axles_law = xp.function(axles(xp, kind.tire, kind.geometry))
     reference_law = xp.function(kind.task_class().reference(xp))
 
-    def measure(rows: Any, world: Any, out: Any) -> None:
+    def measure(numbers: Any, out: Any) -> None:
+        world, rows = split(numbers)
         shared = access.shared(world)
         for row in range(out.shape[1]):
             block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
@@ -239,8 +275,7 @@ def _measure(kind: Kind) -> Any:
             for j in range(len(reference)):
                 out[len(acting) + j, row] = reference[j]
 
-    number = numba.from_dtype(np.dtype(kind.dtype))
-    return compiled.entry_point(measure, numba.void(number[::1], number[::1], numba.float64[:, ::1]), nogil=True)
+    return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)
 
 
 @functools.cache

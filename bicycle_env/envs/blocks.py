@@ -7,6 +7,7 @@ a block and the named tuples that the laws are written with.
 from __future__ import annotations
 
 import functools
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,8 +22,13 @@ from bicycle_env.tasks.task import Memory, Rules, Task, World
 KEPT = ("front_steer_command", "rear_steer_command", "steps", "settled_steps")
 """The numbers of Memory, without the route."""
 
-SHORT, LONG = 8, 64
-"""Rows a block: few for few cars, more where there are many and each instruction can wait for another block's."""
+ROW_COST = {4: 2.0, 8: 1.4, 64: 1.0}
+"""Rows a block, and what a row costs in it, roughly: in a long block one row's work fills the waiting of another's."""
+
+
+def best_length(num_envs: int) -> int:
+    """Rows a block for so many cars; the last block is filled up."""
+    return min(ROW_COST, key=lambda length: -(-num_envs // length) * length * ROW_COST[length])
 
 
 class Layout(NamedTuple):
@@ -80,8 +86,11 @@ def layout(kind: Kind) -> Layout:
 def shared_numbers(
     car: Car, rules: Rules, settings: Any, scale: Any, bound: Any, preview_times: Any, step_limit: float, dtype: Any
 ) -> NDArray[Any]:
-    """The array `world` of the kernels; `step_limit` is infinite where episodes have none."""
-    return np.array([step_limit, *car, *rules, *settings, *(1.0 / scale), *bound, *preview_times], dtype=dtype)
+    """What all rows share; `step_limit` is infinite where episodes have none. Ends at a cache line."""
+    numbers = [math.nan, step_limit, *car, *rules, *settings, *(1.0 / scale), *bound, *preview_times]
+    numbers += [0.0] * (-len(numbers) % LINE)
+    numbers[SIZE] = len(numbers)
+    return np.array(numbers, dtype=dtype)
 
 
 def columns(xp: Any, record: Any, first: int, length: int) -> Any:
@@ -124,7 +133,9 @@ class Access(NamedTuple):
     """``entry(value, block, k, world, j) -> float32``: entry j of the observation, scaled and clipped."""
 
 
-STEP_LIMIT, CAR = 0, 1
+LINE = 16  # numbers: at least a cache line
+SIZE, STEP_LIMIT, CAR = 0, 1, 2
+"""Where the shared numbers stand: how many they are, the time limit in steps, Car, then the groups that follow."""
 RULES = CAR + len(Car._fields)
 SETTINGS = RULES + len(Rules._fields)
 

@@ -20,7 +20,7 @@ Column = NDArray[np.float64]
 class Rows:
     """Blocks of rows in one flat array, and the array of what all rows share.
 
-    Attributes: ``numbers`` (blocks x columns x rows a block,) flat, ``world``, ``blocks``: how many.
+    Attributes: ``numbers``, flat: what all rows share, then the blocks; ``blocks``: how many.
     """
 
     def __init__(self, kind: Kind, fleet: Fleet, num_envs: int, step_limit: int | None) -> None:
@@ -32,9 +32,7 @@ class Rows:
             name: column
             for column, name in enumerate((*CarState._fields, *KEPT, *kind.task_class.Route._fields), start=at.state)
         }
-        self.numbers = np.zeros(self.blocks * at.width * kind.length, dtype=dtype)
-        self._columns = self.numbers.reshape(self.blocks, at.width, kind.length)
-        self.world = shared_numbers(
+        shared = shared_numbers(
             first.car,
             first.rules,
             first.settings,
@@ -44,6 +42,8 @@ class Rows:
             math.inf if step_limit is None else step_limit,
             dtype,
         )
+        self.numbers = np.concatenate([shared, np.zeros(self.blocks * at.width * kind.length, dtype=dtype)])
+        self._columns = self.numbers[len(shared) :].reshape(self.blocks, at.width, kind.length)
         if fleet.varied:
             own = [*fleet.car, *fleet.settings, *(1.0 / fleet.observation_scale.T)]
             everyone = np.ones(num_envs, dtype=np.bool_)

@@ -18,6 +18,10 @@ from bicycle_env.tasks.task import Memory, World
 from bicycle_env.tasks.transition import stages
 
 Tensor = Any
+INDUCTOR = {"realize_opcount_threshold": 4, "max_fusion_size": 100_000}
+"""Options of torch.compile for long chains of elementwise operations. By default it copies an intermediate of up to 30
+operations to each of its uses, and these chains grow: the Fiala tire's substep takes over ten minutes to compile. So
+short ones are shared, and what shares them still becomes one loop: half a minute."""
 
 
 class Episodes(NamedTuple):
@@ -75,8 +79,8 @@ class TorchKernels:
         self._times = tensor(task.preview_times)[:, None]
         self._start = task.start(xp)
         self._begin, self._advance, self._finish = stages(xp, task, tire, geometry, configuration.reward)
-        if compiled:  # one substep: the whole step, unrolled, takes the compiler minutes
-            self._advance = torch.compile(self._advance, fullgraph=True, dynamic=False)
+        if compiled:  # one substep: the whole step, unrolled, would take the compiler minutes
+            self._advance = torch.compile(self._advance, fullgraph=True, dynamic=False, options=INDUCTOR)
         self._observe, self._preview = task.observe(xp), task.preview(xp)
         self._reference, self._cost = task.reference(xp), corner_outside(xp)
         self._failure_cost = failure_cost(xp)

@@ -28,7 +28,6 @@ from bicycle_env.tasks.ends import INVALID_ACTION
 from bicycle_env.tasks.rewards import failure_cost
 
 MODES = {mode.value: mode for mode in AutoresetMode}
-FEWEST_FOR_LONG_BLOCKS = 128
 FEWEST_PER_THREAD = 512
 """Rows below which another thread costs more than it brings."""
 MOST_THREADS = 1024
@@ -115,12 +114,19 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._observation_shape = (self.num_envs, len(bound))
         self._action_shape = (self.num_envs, self.configuration.axles)
 
-        length = blocks.LONG if self.num_envs >= FEWEST_FOR_LONG_BLOCKS else blocks.SHORT
         self._kind = blocks.Kind(
-            type(self.task), self.tire, self.geometry, self.reward, len(bound), length, self.fleet.varied, self.dtype
+            type(self.task),
+            self.tire,
+            self.geometry,
+            self.reward,
+            len(bound),
+            blocks.best_length(self.num_envs),
+            self.fleet.varied,
+            self.dtype,
         )
         self._rows = Rows(self._kind, self.fleet, self.num_envs, self.max_episode_steps)
-        self._over = np.ones(self.num_envs, dtype=np.bool_)
+        self._everyone = np.ones(self.num_envs, dtype=np.bool_)
+        self._over = self._everyone.copy()
         self._any_over = False
         self._started = False
         self._end = np.zeros(self.num_envs, dtype=np.int8)
@@ -131,7 +137,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     def _bind(self) -> None:
         self._kernels = block_kernels.kernels(self._kind)
         self._step = self._kernels.step
-        self._numbers, self._world, self._blocks = self._rows.numbers, self._rows.world, self._rows.blocks
+        self._numbers, self._blocks = self._rows.numbers, self._rows.blocks
         most = max(1, self.num_envs // FEWEST_PER_THREAD)
         count = min(self.threads, most, self._blocks)
         edges = np.linspace(0, self._blocks, count + 1).astype(int).tolist()
@@ -163,8 +169,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         if not self._started and not np.all(mask):
             raise gym.error.ResetNeeded("the first reset() must start all rows: it takes no reset_mask")
         self._seed(seeds, mask)
-        observation, cost = np.empty(self._observation_shape, FLOAT32), np.empty(self.num_envs)
-        self._kernels.start(self._numbers, self._world, mask, self._addresses, observation, cost)
+        observation, values, flags, end = self._new_results()
+        self._kernels.start(self._numbers, mask, self._addresses, observation, values, flags, end, True)
         if changes:
             self._rows.put(changes, mask)
         if self.staggered_start and not self._started and self.max_episode_steps is not None:
@@ -174,8 +180,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._over[mask] = False
         self._any_over = bool(np.any(self._over))
         self._end[mask] = 0
-        self._look(np.ones(self.num_envs, dtype=np.bool_), observation, cost)
-        return observation, self._info(self._end.copy(), cost)
+        self._kernels.look(self._numbers, self._everyone, observation, values)
+        return observation, self._info(self._end.copy(), values[1])
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """One control step of all rows; finite values outside [-1, 1] saturate.
@@ -200,10 +206,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             or not actions.flags.c_contiguous
         ):
             actions = converted_action(actions, self._action_shape, self.steer)
-        observation = np.empty(self._observation_shape, FLOAT32)
-        values = np.empty((2, self.num_envs))
-        flags = np.empty((2, self.num_envs), np.bool_)
-        end = np.empty(self.num_envs, np.int8)
+        observation, values, flags, end = self._new_results()
         held = saved = None
         if self._any_over and self.autoreset_mode is AutoresetMode.DISABLED:
             held = self._over.copy()
@@ -218,19 +221,21 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             spoiled = self._rows.copy_of(bad)
             ended = self._run(np.where(bad[:, None], FLOAT32.type(0.0), actions), observation, values, flags, end)
             self._rows.put_back(spoiled, bad)
-            self._look(bad, observation, values[1])
+            self._kernels.look(self._numbers, bad, observation, values)
             values[0, bad] = self._forfeit(bad)
-            flags[0, bad], flags[1, bad], end[bad] = True, False, INVALID_ACTION
+            flags[0, bad], flags[1, bad], flags[2, bad], end[bad] = True, False, True, INVALID_ACTION
         if held is not None and saved is not None:
             self._rows.put_back(saved, held)
-            self._look(held, observation, values[1])
+            self._kernels.look(self._numbers, held, observation, values)
             values[0, held], end[held] = 0.0, self._end[held]
-            flags[0, held], flags[1, held] = self._end[held] > 0, self._end[held] == 0
+            flags[0, held], flags[1, held], flags[2, held] = self._end[held] > 0, self._end[held] == 0, True
         if ended or bad is not None or self._any_over or self.telemetry:
-            return self._finished(observation, values, flags, end)
-        here = np.ones(self.num_envs, np.bool_)
-        info = {"end": end, "cost": values[1], "_end": here, "_cost": here}
-        return observation, values[0], flags[0], flags[1], info
+            if bad is not None or held is not None:
+                ended = int(np.count_nonzero(flags[2]))
+            return self._finished(observation, values, flags, end, ended)
+        here = self._everyone.copy()
+        cost = values[1]
+        return observation, values[0], flags[0], flags[1], {"end": end, "cost": cost, "_end": here, "_cost": here}
 
     def close_extras(self, **_: Any) -> None:
         """Stop the threads."""
@@ -259,7 +264,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     def measure(self) -> dict[str, NDArray[np.float64]]:
         """Slip angles, forces, accelerations and the reference in the present states, (num_envs,) each."""
         out = np.empty((len(MEASURED), self.num_envs))
-        self._kernels.measure(self._numbers, self._world, out)
+        self._kernels.measure(self._numbers, out)
         return dict(zip(MEASURED, out, strict=True))
 
     def snapshot(self) -> VectorSnapshot:
@@ -277,14 +282,25 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             generator.bit_generator.state = state
         self._numbers[:], self._over, self._end = snapshot.rows, snapshot.over.copy(), snapshot.end.copy()
         self._any_over, self._started = bool(np.any(self._over)), True
-        observation, cost = np.empty(self._observation_shape, FLOAT32), np.empty(self.num_envs)
-        self._look(np.ones(self.num_envs, dtype=np.bool_), observation, cost)
+        results = self._new_results()
+        self._kernels.look(self._numbers, self._everyone, *results[:2])
+        observation: NDArray[np.float32] = results[0]
         return observation
 
     # Inner workings
 
+    def _new_results(self) -> tuple[Any, Any, Any, Any]:
+        """Observation, values (reward, cost), flags (terminated, truncated, either) and end codes of a step."""
+        n = self.num_envs
+        return (
+            np.empty(self._observation_shape, FLOAT32),
+            np.empty((2, n)),
+            np.empty((3, n), np.bool_),
+            np.empty(n, np.int8),
+        )
+
     def _run(self, actions: Any, observation: Any, values: Any, flags: Any, end: Any) -> int:
-        arguments = (self._numbers, self._world, actions, observation, values, flags, end)
+        arguments = (self._numbers, actions, observation, values, flags, end)
         if self._pool is None:
             return self._step(*arguments, 0, self._blocks)
         if not np.all(np.isfinite(actions)):  # before any thread changes anything
@@ -294,31 +310,23 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         return self._step(*arguments, first, last) + sum(other.result() for other in others)
 
     def _finished(
-        self, observation: Any, values: Any, flags: Any, end: Any
+        self, observation: Any, values: Any, flags: Any, end: Any, ended: int
     ) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """What follows a step in which some row ended, or that some row was waiting for."""
-        reward, cost = values
         more: dict[str, Any] = {}
+        results = (observation, values, flags, end)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._any_over:
-            waiting = self._over
-            self._kernels.start(self._numbers, self._world, waiting, self._addresses, observation, cost)
-            reward[waiting], end[waiting] = 0.0, 0
-            flags[:, waiting] = False
-        over = flags[0] | flags[1]
-        self._end = end
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and np.any(over):
+            ended -= self._kernels.start(self._numbers, self._over, self._addresses, *results, True)
+        self._over, self._any_over = flags[2], ended > 0
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and ended:
+            over = flags[2].copy()
             more["final_obs"], more["_final_obs"] = observation.copy(), over
-            more["final_info"] = {
-                name: values if name.startswith("_") else values.copy()
-                for name, values in self._info(end.copy(), cost.copy(), over).items()
-            }
+            more["final_info"] = self._info(end.copy(), values[1].copy(), over)
             more["_final_info"] = over.copy()
-            self._end = np.where(over, np.int8(0), end)
-            self._kernels.start(self._numbers, self._world, over, self._addresses, observation, cost)
-            self._over, self._any_over = np.zeros_like(over), False
-        else:
-            self._over, self._any_over = over, bool(np.any(over))
-        return observation, reward, flags[0], flags[1], {**self._info(self._end.copy(), cost), **more}
+            self._kernels.start(self._numbers, over, self._addresses, *results, False)
+            self._any_over = False
+        self._end = end.copy()
+        return observation, values[0], flags[0], flags[1], {**self._info(end, values[1]), **more}
 
     def _info(self, end: Any, cost: Any, rows: Any = None) -> dict[str, Any]:
         info = {"end": end, "cost": cost}
@@ -326,11 +334,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             info |= telemetry(self.state, self.measure(), self.fleet.car)
         if self.telemetry or rows is not None:  # a row that has begun its next episode cannot be asked any more
             info["is_success"] = (self._rows.column("settled_steps") >= self.configuration.steps_to_settle) & (end == 0)
-        here = np.ones(self.num_envs, np.bool_) if rows is None else rows
+        here = self._everyone.copy() if rows is None else rows.copy()
         return {**info, **{f"_{name}": here for name in info}}
-
-    def _look(self, mask: Any, observation: Any, cost: Any) -> None:
-        self._kernels.look(self._numbers, self._world, mask, observation, cost)
 
     def _forfeit(self, rows: Any) -> Any:
         """What an invalid action costs: with the quadratic reward, all steps that are left at the worst."""
@@ -353,7 +358,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions, threads and addresses stay in their process: all are made anew.
-        left = ("_kernels", "_step", "_pool", "_parts", "_addresses", "_numbers", "_world", "_blocks")
+        left = ("_kernels", "_step", "_pool", "_parts", "_addresses", "_numbers", "_blocks")
         return {name: value for name, value in self.__dict__.items() if name not in left}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
