@@ -5,7 +5,9 @@ Every function returns a ``matplotlib.figure.Figure``; ``save(figure, path)`` wr
 
 from bicycle_env.plots.episode import episode
 from bicycle_env.plots.linear import bode, root_locus, stability_map
+from bicycle_env.plots.phase import phase_plane
 from bicycle_env.plots.responses import WrongWay, step_response, step_responses, wrong_way
+from bicycle_env.plots.steady_turns import steady_turns
 from bicycle_env.plots.style import LineStyle, png, save, speed_in_words
 
 __all__ = [
@@ -13,11 +15,13 @@ __all__ = [
     "WrongWay",
     "bode",
     "episode",
+    "phase_plane",
     "png",
     "root_locus",
     "save",
     "speed_in_words",
     "stability_map",
+    "steady_turns",
     "step_response",
     "step_responses",
     "wrong_way",

@@ -25,6 +25,7 @@ RESPONSES = {
     "lateral_acceleration": "lateral acceleration\n[m/s$^2$ per deg]",
     "sideslip": "sideslip [deg per deg]",
 }
+FREQUENCIES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # Hz: labelled; the axis begins at half the first
 HERE = {"marker": "*", "markersize": 15, "color": BLACK, "markeredgecolor": "white", "linestyle": "none", "zorder": 5}
 """How this car at this speed is marked."""
 
@@ -122,29 +123,39 @@ def bode(vehicle: str | Vehicle, speed: float) -> Any:
     Raises as :func:`root_locus`; ModuleNotFoundError also if python-control is missing.
     """
     vehicle, speed = resolve_vehicle(vehicle), checked_speed(speed)
-    frequency = np.geomspace(0.05, 10.0, 400)
+    frequency = np.geomspace(0.5 * FREQUENCIES[0], FREQUENCIES[-1], 400)
     figure = style.new_figure(11, 12.5, "Frequency response to the road-wheel angle of one axle (linear model)")
     grid = figure.subplots(6, 2, sharex=True, sharey="row", height_ratios=[1.4, 1] * 3)
     for column, axle in enumerate(INPUTS):
-        look = style.AXLE[axle]
+        look = {"color": style.AXLE[axle].color, "linestyle": style.AXLE[axle].line}
         for row, (output, label) in enumerate(RESPONSES.items()):
             response = transfer_function(vehicle, speed, axle, output)(2j * np.pi * frequency)
             scale = math.pi / 180.0 if output == "lateral_acceleration" else 1.0
             gain, phase = grid[2 * row, column], grid[2 * row + 1, column]
-            gain.loglog(frequency, scale * np.abs(response), color=look.color, linestyle=look.line)
+            gain.loglog(frequency, scale * np.abs(response), **look)
             turned = np.degrees(np.unwrap(np.angle(response)))
-            phase.semilogx(frequency, turned - 360.0 * round(turned[0] / 360.0 - 0.01), color=look.color, ls=look.line)
-            dress(gain, title=AXLES[axle] if row == 0 else "", ylabel=f"{label}" if column == 0 else "")
-            dress(phase, ylabel="phase [deg]" if column == 0 else "", xlim=(frequency[0], frequency[-1]))
-            phase.yaxis.set_major_locator(_every(90.0))
-        grid[-1, column].set_xlabel("frequency [Hz]")
+            # A phase that begins at 180 to rounding, above or below it, begins at +180.
+            phase.semilogx(frequency, turned - 360.0 * round(turned[0] / 360.0 - 0.01), **look)
+            dress(gain, title="" if row else AXLES[axle], ylabel="" if column else label)
+            dress(phase, ylabel="" if column else "phase [deg]", xlim=(frequency[0], frequency[-1]))
+    _round_ticks(grid)
     return figure
 
 
-def _every(step: float) -> Any:
-    from matplotlib.ticker import MultipleLocator
+def _round_ticks(grid: Any) -> None:
+    """Plain numbers at 1, 2 and 5 on the axes of frequency and gain, quarter turns on those of phase."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullLocator
 
-    return MultipleLocator(step)
+    for row in range(0, len(grid), 2):
+        gain, phase = grid[row, 0].yaxis, grid[row + 1, 0].yaxis
+        gain.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        gain.set_minor_locator(NullLocator())
+        gain.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        phase.set_major_locator(MultipleLocator(90.0))
+    grid[0, 0].set_xticks(FREQUENCIES, labels=[f"{value:g}" for value in FREQUENCIES])
+    grid[0, 0].xaxis.set_minor_locator(NullLocator())
+    for axes in grid[-1]:
+        axes.set_xlabel("frequency [Hz]")
 
 
 def _sorted(values: NDArray[np.complex128]) -> NDArray[np.complex128]:

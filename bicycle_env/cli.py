@@ -1,0 +1,192 @@
+"""The command ``bicycle-env``: a report on one car, and the list of cars. ``python -m bicycle_env`` is the same."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from bicycle_env import __version__, report, tires
+from bicycle_env.physics.validation import choice
+
+PROGRAM = "bicycle-env"
+REPORT = """\
+Everything that theory says about one car at one speed: parameters, stability, steady and frequency response to front
+and rear steering, the limit of grip, and the states from which the car can be saved at all.
+
+With --out DIR: a page DIR/report.html that needs no other file, and its pictures as PNG files beside it (needs
+pip install "bicycle-env[analysis]"). With --json: the numbers for machines, on standard output. Without either: the
+numbers as tables.
+"""
+REPORT_EXAMPLES = """\
+examples:
+  bicycle-env report --out report-oversteer
+  bicycle-env report --vehicle civic --speed 40 --out report-civic
+  bicycle-env report --vehicle oversteer --speed-ratio 1.2 --tire magic_formula --friction 0.3 --out icy
+  bicycle-env report --vehicle my_car.toml --speed 35
+  bicycle-env report --vehicle neutral --json | jq .figures.damping_ratio
+
+a car of one's own, my_car.toml (or the same names in my_car.json):
+  mass = 1500.0                          # kg
+  yaw_inertia = 2500.0                   # kg m^2
+  cg_to_front = 1.4                      # centre of mass to front axle, m
+  cg_to_rear = 1.3                       # m
+  front_cornering_stiffness = 110e3      # N/rad, both front tires together
+  rear_cornering_stiffness = 90e3        # N/rad
+  source = "where the numbers come from" # optional, as are half-tracks, overhangs and body_width in m
+
+JSON: {"vehicle", "speed", "tire", "friction", "figures", "units", "absent"}. SI units, angles in rad. A figure is null
+where it is infinite or undefined, and "absent" says why (a car that does not oversteer has no critical speed).
+"""
+
+
+class UserError(Exception):
+    """Something that the user can put right; its text says how."""
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose complaints are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UserError(f"{message} (see {self.prog} --help)")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; 0, or 2 with one line on standard error for a user's mistake, 130 for Ctrl-C."""
+    try:
+        chosen = parser().parse_args(arguments)
+        chosen.run(chosen)
+        sys.stdout.flush()
+    except BrokenPipeError:  # `| head` has read enough; nothing is left to say to it when Python ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (UserError, ModuleNotFoundError) as error:
+        return _complain(error)
+    except OSError as error:
+        return _complain(f"{error.filename}: {error.strerror}" if error.filename else error)
+    except KeyboardInterrupt:
+        sys.stderr.write("stopped\n")
+        return 130
+    return 0
+
+
+def _complain(words: object) -> int:
+    sys.stderr.write(f"{PROGRAM}: error: {words}\n")
+    return 2
+
+
+def parser() -> Parser:
+    """The command's words."""
+    top = Parser(
+        prog=PROGRAM,
+        description="Cars at and beyond their stability limit, held against theory.",
+        epilog=f"{PROGRAM} report --help and {PROGRAM} vehicles --help explain the commands.",
+        allow_abbrev=False,
+    )
+    top.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    commands = top.add_subparsers(title="commands", dest="command", required=True)
+
+    one = commands.add_parser(
+        "report",
+        help="numbers, and a page with pictures, of one car",
+        description=REPORT,
+        epilog=REPORT_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    one.add_argument(
+        "--vehicle",
+        default="oversteer",
+        metavar="NAME|FILE",
+        help="a preset (see bicycle-env vehicles), or a file that ends in .json or .toml; default: oversteer",
+    )
+    speed = one.add_mutually_exclusive_group()
+    speed.add_argument("--speed", type=float, metavar="M/S", help="{:g} to {:g} m/s".format(*report.SPEEDS))
+    speed.add_argument(
+        "--speed-ratio",
+        type=float,
+        metavar="RATIO",
+        help=f"a multiple of the critical speed; default: {report.SPEED_RATIO:g}, or {report.DEFAULT_SPEED:g} m/s for "
+        "a car without critical speed",
+    )
+    one.add_argument("--tire", default="fiala", metavar="LAW", help=f"{', '.join(tires.LAWS)}; default: fiala")
+    one.add_argument("--friction", type=float, default=1.0, metavar="MU", help="of tire on road; default: 1")
+    one.add_argument("--out", metavar="DIR", help="folder for report.html and its pictures; made if needed")
+    one.add_argument("--json", action="store_true", help="print the numbers as JSON")
+    one.add_argument(
+        "--grid",
+        type=int,
+        default=report.GRID,
+        metavar="N",
+        help=f"nodes per axis of the recoverable set; fewer are faster and coarser; default: {report.GRID}",
+    )
+    one.add_argument("--quiet", action="store_true", help="do not say what is being done")
+    one.set_defaults(run=run_report)
+
+    listing = commands.add_parser(
+        "vehicles",
+        help="the cars that come with the package",
+        description="The cars that come with the package: what the report's --vehicle takes by name.",
+        allow_abbrev=False,
+    )
+    listing.add_argument("--json", action="store_true", help="print all their parameters as JSON")
+    listing.set_defaults(run=run_vehicles)
+    return top
+
+
+def run_report(chosen: argparse.Namespace) -> None:
+    """``bicycle-env report``."""
+    study = _study(chosen)
+
+    def tell(words: str) -> None:
+        if not chosen.quiet:
+            sys.stderr.write(f"{words} ...\n")
+            sys.stderr.flush()
+
+    page = None
+    if chosen.out is not None:
+        page = report.write(study, chosen.out, tell)
+    else:
+        report.compute(study, tell)
+    if chosen.json:
+        _write_json(report.as_json(study))
+    elif page is None:
+        sys.stdout.write(report.as_text(study))
+        tell("for a page with pictures: --out DIR; for machines: --json")
+    if page is not None:
+        (sys.stderr if chosen.json else sys.stdout).write(f"{page}\n")
+
+
+def _study(chosen: argparse.Namespace) -> report.Study:
+    """What the user asks about; a UserError names what is wrong with it."""
+    try:
+        name, vehicle = report.find_vehicle(chosen.vehicle)
+        choice("tire", chosen.tire, tires.LAWS)
+        return report.study(
+            vehicle,
+            speed=chosen.speed,
+            speed_ratio=chosen.speed_ratio,
+            tire=chosen.tire,
+            friction=chosen.friction,
+            grid=chosen.grid,
+            name=name,
+        )
+    except (ValueError, TypeError) as error:
+        raise UserError(str(error)) from None
+
+
+def run_vehicles(chosen: argparse.Namespace) -> None:
+    """``bicycle-env vehicles``."""
+    if chosen.json:
+        _write_json(report.vehicles_as_json())
+        return
+    sys.stdout.write(report.vehicles_as_text(shutil.get_terminal_size().columns))
+
+
+def _write_json(content: Any) -> None:
+    json.dump(content, sys.stdout, indent=1, allow_nan=False)
+    sys.stdout.write("\n")

@@ -1,0 +1,82 @@
+"""Numbers in words, for people."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from bicycle_env import analysis
+from bicycle_env.plots.style import speed_in_words
+from bicycle_env.report.quantities import DEGREE, Quantity
+from bicycle_env.report.study import BOX, Study
+
+
+def title(study: Study) -> str:
+    """The report's heading."""
+    return f"{study.name} at {study.speed:.1f} m/s = {speed_in_words(study.vehicle, study.speed)}"
+
+
+def summary(study: Study) -> str:
+    """The report in some sentences."""
+    car, speed = study.vehicle, study.speed
+    kind = {"oversteer": "oversteers", "neutral": "is neutral", "understeer": "understeers"}[
+        analysis.classification(car)
+    ]
+    critical, doubling = car.critical_speed, analysis.modes(car, speed).time_to_double
+    if math.isinf(critical):
+        stability = "it is stable at every speed"
+    elif math.isinf(doubling):
+        stability = f"it becomes unstable above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) and is stable here"
+    else:
+        stability = (
+            f"above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) it is unstable: here a deviation doubles in "
+            f"{doubling:.2f} s unless somebody steers"
+        )
+    shares = {name: f"{100 * share:.0f} %" for name, share in study.shares.items()}
+    return (
+        f"This car {kind}; {stability}. On {study.tire_name} tires and friction {study.friction:g}, from "
+        f"{shares['recoverable']} of the states with up to {BOX[0] / DEGREE:.0f} deg of sideslip and "
+        f"{BOX[1] / DEGREE:.0f} deg/s of yaw rate some steering brings it back; a linear regulator saves "
+        f"{shares['lqr']}, straight wheels {shares['straight']}."
+    )
+
+
+def in_words(row: Quantity) -> str:
+    """The value with its units; for one that is infinite or undefined, what that means."""
+    if row.is_absent:
+        return row.absent
+    return f"{_value(row.value)} {row.unit}".rstrip() + (f" ({row.also})" if row.also else "")
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        return "; ".join(_mapping(entry) for entry in value) or "none"
+    if isinstance(value, np.ndarray):
+        return _complex(value)
+    return value if isinstance(value, str) else _number(value)
+
+
+def _number(value: float) -> str:
+    """Four significant digits; thousands are grouped and not written as powers of ten."""
+    return f"{value:,.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g}"
+
+
+def _mapping(entry: dict[str, Any]) -> str:
+    if "kind" in entry:
+        return f"{entry['kind']} at {entry['sideslip'] / DEGREE:.1f} deg, {entry['yaw_rate'] / DEGREE:.1f} deg/s"
+    return " x ".join(f"{value:.3g}" for value in entry.values())
+
+
+def _complex(values: Any) -> str:
+    words = []
+    for value in values:
+        real = f"{value.real:.3g}"
+        if value.imag > 0.0:
+            words.append(f"{real} ± {value.imag:.3g} i")
+        elif value.imag == 0.0:
+            words.append(real)
+    return ", ".join(words) or "none"

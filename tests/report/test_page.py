@@ -1,0 +1,147 @@
+"""The report of every kind of car: one page that needs nothing else, its pictures, and its numbers."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import html.parser
+import math
+import re
+import struct
+
+import pytest
+
+from bicycle_env import report, vehicles
+from bicycle_env.report import pictures
+from bicycle_env.report.page import page
+from bicycle_env.report.pictures import SUBJECTS
+from bicycle_env.report.quantities import Group, Quantity
+
+PICTURES = {f"{subject.name}.png" for subject in SUBJECTS}
+VOID = {"meta", "img", "br", "link", "hr", "input"}
+COARSE = 31
+
+
+class Reader(html.parser.HTMLParser):
+    """Collects what a page holds, and complains about tags that do not match."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.tags, self.text = [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.text.append(data)
+
+    def of(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def read(text):
+    reader = Reader()
+    reader.feed(text)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+@pytest.fixture(scope="module", params=["oversteer", "neutral", "civic"])
+def written(request, tmp_path_factory):
+    """A report on every kind of car, on a coarse grid: (name, folder, what was told)."""
+    folder = tmp_path_factory.mktemp(request.param) / "new" / "folder"
+    told = []
+    path = report.write(report.study(request.param, grid=COARSE), folder, told.append)
+    assert path == folder / "report.html"
+    return request.param, folder, told
+
+
+def test_the_page_and_its_pictures_are_directly_in_the_folder(written):
+    _, folder, told = written
+    assert {path.name for path in folder.iterdir()} == PICTURES | {"report.html"}
+    assert sum("drawing" in line for line in told) == len(PICTURES)
+    for name in PICTURES:
+        content = (folder / name).read_bytes()
+        assert content.startswith(b"\x89PNG")
+        width, height = struct.unpack(">II", content[16:24])
+        assert 1000 < width < 2500
+        assert 500 < height < 2500
+
+
+def test_the_page_needs_nothing_else(written):
+    name, folder, _ = written
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    page = read(text)
+    assert text.startswith("<!DOCTYPE html>")
+    assert not page.of("script")
+    assert not page.of("link")
+    assert "@import" not in text
+    assert "url(" not in text
+    ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    for _, attributes in page.tags:
+        for key in ("src", "href"):
+            if key in attributes:
+                assert attributes[key].startswith(("data:image/png;base64,", "#"))
+    assert {link["href"][1:] for link in page.of("a")} <= set(ids)
+
+    pictures = page.of("img")
+    assert {base64.b64decode(picture["src"].partition(",")[2]) for picture in pictures} == {
+        (folder / file).read_bytes() for file in PICTURES
+    }
+    assert all(len(picture["alt"]) > 40 for picture in pictures)
+    words = " ".join(page.text)
+    assert not re.search(r"\b(nan|inf|None|True|False|array)\b", words.replace("“None”", ""))
+    assert name in words
+    assert vehicles[name].source in words
+    for number in (vehicles[name].mass, vehicles[name].front_cornering_stiffness):
+        assert f"{number:,.0f}" in words or f"{number:.4g}" in words
+
+
+def test_the_words_fit_the_car(written):
+    name, folder, _ = written
+    words = " ".join(read((folder / "report.html").read_text(encoding="utf-8")).text)
+    critical = vehicles[name].critical_speed
+    if math.isinf(critical):
+        assert "x the critical speed" not in words
+        assert "none: stable at every speed" in words
+        assert "it is stable at every speed" in words
+    else:
+        assert "1.2 x the critical speed" in words
+        assert f"{critical:.1f} m/s, the critical speed (6.17), one crosses zero" in words
+        assert "a deviation doubles in" in words
+
+
+@pytest.mark.parametrize("name", vehicles)
+def test_every_preset_has_words_for_every_picture(name):
+    study = report.study(name, grid=COARSE)
+    for subject in SUBJECTS:
+        for words in (subject.caption(study), subject.alternative(study)):
+            assert len(words) > 80
+            assert not re.search(r"\b(nan|inf|None)\b|  ", words)
+
+
+def test_words_of_the_user_are_escaped():
+    row = Quantity("name", "<b>label", 1.0, "&unit", "", "<script>alert(1)</script>")
+    text = page("a < b", '"summary"', Group("<i>", (row,)), "source & <u>", (), (), ("<note>",))
+    reader = read(text)
+    assert not {"b", "i", "u", "note", "script"} & {tag for tag, _ in reader.tags}
+    assert "source & <u>" in "".join(reader.text)
+
+
+def test_a_second_report_replaces_the_first_and_leaves_no_other_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, "SUBJECTS", SUBJECTS[:1])
+    study = report.study("oversteer", speed=20.0, grid=COARSE)
+    report.write(study, tmp_path)
+    mine = dataclasses.replace(study, name="<mine>")
+    report.write(mine, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"root_locus.png", "report.html"}
+    assert "&lt;mine&gt; at 20.0 m/s = 72 km/h" in (tmp_path / "report.html").read_text(encoding="utf-8")

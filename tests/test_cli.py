@@ -1,0 +1,180 @@
+"""The command bicycle-env: what it prints and writes, and one line with exit code 2 for every mistake."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from bicycle_env import __version__, report, vehicles
+from bicycle_env.cli import main
+from bicycle_env.report import pictures
+
+COARSE = ("--grid", "31")
+
+
+def run(*words, **keywords):
+    """The command as a process."""
+    return subprocess.run(
+        [sys.executable, "-m", "bicycle_env", *words], capture_output=True, text=True, check=False, **keywords
+    )
+
+
+@pytest.fixture
+def no_matplotlib(monkeypatch):
+    for name in [name for name in sys.modules if name.split(".")[0] in ("matplotlib", "control")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, "control", None)
+
+
+def test_vehicles_lists_every_preset_with_its_source(capsys, no_matplotlib):
+    assert main(["vehicles"]) == 0
+    printed = capsys.readouterr().out
+    lines = printed.splitlines()
+    assert lines[0].split()[:3] == ["name", "mass", "wheelbase"]
+    table = {line.split()[0]: line.split() for line in lines[2:] if line and line.split()[0] in vehicles}
+    assert table["oversteer"] == ["oversteer", "1500", "2.70", "oversteer", "-1.17", "36.1", "none"]
+    assert table["civic"] == ["civic", "1450", "2.62", "understeer", "+5.50", "none", "16.4"]
+    flat = " ".join(printed.split())
+    for name, car in vehicles.items():
+        assert f"{name}: {car.source}" in flat
+
+
+def test_vehicles_for_machines(capsys, no_matplotlib):
+    assert main(["vehicles", "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert list(content) == list(vehicles)
+    for name, car in vehicles.items():
+        assert content[name]["mass"] == car.mass
+        assert (content[name]["critical_speed"] is None) == (name not in ("oversteer", "me303"))
+
+
+def test_json_is_the_study(capsys, no_matplotlib):
+    assert main(["report", "--vehicle", "civic", "--speed", "25", "--friction", "0.5", "--json", *COARSE]) == 0
+    printed = capsys.readouterr()
+    expected = report.as_json(report.study("civic", 25.0, friction=0.5, grid=31))
+    assert json.loads(printed.out) == json.loads(json.dumps(expected))
+    assert printed.err.startswith("computing what can be saved, on 31 x 31 states ...\n")
+
+
+def test_tables_without_a_folder(capsys, no_matplotlib):
+    assert main(["report", "--speed-ratio", "1.2", "--quiet", *COARSE]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("oversteer at 43.3 m/s = 156 km/h = 1.2 x the critical speed\n")
+    assert "critical speed" in printed.out
+    assert "36.06 m/s (130 km/h)" in printed.out
+    assert "(6.17)" in printed.out
+    assert printed.err == ""
+
+
+def test_a_report_of_ones_own_car(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(pictures, "SUBJECTS", pictures.SUBJECTS[:1])
+    mine = tmp_path / "my_car.json"
+    mine.write_text(json.dumps({**dataclasses.asdict(vehicles["tsx"]), "source": "me & <mine>"}), encoding="utf-8")
+    out = tmp_path / "out"
+    assert main(["report", "--vehicle", str(mine), "--speed", "40", "--json", "--out", str(out), *COARSE]) == 0
+    printed = capsys.readouterr()
+    content = json.loads(printed.out)  # nothing but JSON on standard output
+    assert content["vehicle"]["name"] == "my_car"
+    assert printed.err.splitlines()[-1] == str(out / "report.html")
+    assert "drawing root_locus.png ..." in printed.err
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "my_car at 40.0 m/s = 144 km/h" in page
+    assert "me &amp; &lt;mine&gt;" in page
+
+
+def mistakes(tmp_path):
+    (tmp_path / "file").write_text("")
+    bad = tmp_path / "bad.toml"
+    bad.write_text("mas = 3")
+    return [
+        ([], "the following arguments are required: command"),
+        (["repor"], "invalid choice: 'repor'"),
+        (["report", "--vehicle", "civi"], "did you mean 'civic'?"),
+        (["report", "--vehicle", "civic", "--speed-ratio", "1.2"], "no critical speed; give speed in m/s"),
+        (["report", "--vehicle", "nowhere.toml"], "nowhere.toml: No such file or directory"),
+        (["report", "--vehicle", str(bad)], "unknown field 'mas'; did you mean 'mass'?"),
+        (["report", "--speed", "fast"], "argument --speed: invalid float value: 'fast'"),
+        (["report", "--speed", "-3"], "speed must be a finite number in [3, 150], got -3.0"),
+        (["report", "--speed", "nan"], "speed must be a finite number in [3, 150], got nan"),
+        (["report", "--speed", "30", "--speed-ratio", "2"], "not allowed with argument --speed"),
+        (["report", "--tire", "fila"], "did you mean 'fiala'?"),
+        (["report", "--friction", "0"], "friction must be a finite number > 0"),
+        (["report", "--grid", "5"], "grid must be a whole number in [31, 1001], got 5"),
+        (["report", "--frictio", "1"], "unrecognized arguments: --frictio 1"),
+        (["report", "--out", str(tmp_path / "file")], "file: File exists"),
+        (["report", "--out", str(tmp_path / "file" / "folder")], "Not a directory"),
+        (["vehicles", "civic"], "unrecognized arguments: civic"),
+    ]
+
+
+def test_every_mistake_is_one_line_and_exit_code_2(tmp_path, capsys):
+    for words, text in mistakes(tmp_path):
+        assert main(words) == 2, words
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert text in printed.err, words
+        assert printed.err.startswith("bicycle-env: error: ")
+        assert printed.err.count("\n") == 1, words
+
+
+def test_without_matplotlib_the_page_names_what_to_install_at_once(tmp_path, capsys, no_matplotlib):
+    assert main(["report", "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == (
+        'bicycle-env: error: figures need matplotlib: pip install "bicycle-env[analysis]"\n'
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_as_a_process(tmp_path):
+    done = run("report", "--vehicle", "overster", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert run("--version").stdout == f"bicycle-env {__version__}\n"
+    shown = run("report", "--help")
+    assert shown.returncode == 0
+    for word in (
+        "examples:",
+        "bicycle-env report --vehicle civic",
+        "my_car.toml",
+        "mass = 1500.0",
+        "null",
+        "--speed-ratio",
+    ):
+        assert word in shown.stdout
+    assert "vehicles" in run("--help").stdout
+
+
+def test_the_example_in_the_help_is_a_car(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        main(["report", "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    begin = next(k for k, line in enumerate(lines) if line.startswith("a car of one's own"))
+    example = "\n".join(lines[begin + 1 : lines.index("", begin)])
+    (tmp_path / "my_car.toml").write_text(example, encoding="utf-8")
+    assert report.read_vehicle(tmp_path / "my_car.toml").mass == 1500.0
+
+
+def test_a_reader_that_stops_early_is_no_error():
+    process = subprocess.Popen(
+        [sys.executable, "-m", "bicycle_env", "vehicles", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    process.stdout.close()
+    errors = process.stderr.read()
+    process.stderr.close()
+    process.wait()
+    assert errors == b""
+
+
+def test_the_command_is_light():
+    program = "import sys, bicycle_env.cli; print(*sorted({name.split('.')[0] for name in sys.modules}))"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=True)
+    assert not set(done.stdout.split()) & {"matplotlib", "control", "torch", "stable_baselines3", "pygame", "tqdm"}
