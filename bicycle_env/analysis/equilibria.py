@@ -34,8 +34,9 @@ from bicycle_env.physics.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-SLIDING = 1e-9
-"""An axle counts as sliding where the slope of its force is below this share of its cornering stiffness."""
+SLIDING = 1e-6
+"""An axle counts as sliding where the slope of its force is below this share of its cornering stiffness. Where both do,
+motion takes a day, and rounding of the forces, 1e-16, would begin to make steady turns of its own."""
 
 RESOLUTION = 0.05
 """Largest step of the search: relative change of a slip angle, or change in slip scales mu Fz / C around zero."""
@@ -83,8 +84,8 @@ def equilibria(
 
     Not listed: states in which both axles slide. A law that is flat beyond its sliding slip angle (Fiala) gives such
     turns as a continuum: with equal cosines of both steer angles, every V with both slip angles beyond sliding and
-    ``|yaw_rate| = friction g cos(steer) / speed`` is one, neither attracting nor repelling. A tanh is flat to rounding
-    beyond 11 slip scales and treated alike.
+    ``|yaw_rate| = friction g cos(steer) / speed`` is one, neither attracting nor repelling. A tanh counts as
+    flat, to 1e-6, beyond 8 slip scales mu Fz / C.
 
     Args:
         vehicle: a preset's name or a Vehicle.

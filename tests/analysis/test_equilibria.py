@@ -1,5 +1,6 @@
 """Steady turns: closed forms, an independent search, symmetry, simulation, and a published case."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -266,6 +267,27 @@ def test_the_determinant_is_the_slope_of_the_residual():
     determinant = np.linalg.det(model.jacobians(*balance.state(slip, steer[1]), *steer).state)
     expected = np.cos(slip + steer[1]) ** 2 * balance.slope(slip, *steer)
     np.testing.assert_allclose(determinant, expected, rtol=1e-10, atol=1e-10)
+
+
+@dataclasses.dataclass(frozen=True)
+class Cubic(tires.Tire):
+    """A user's own law: a cubic that turns flat at two thirds of the friction with a kink in its slope's slope."""
+
+    def law(self, xp):
+        def lateral_force(slip_angle, cornering_stiffness, peak_force):
+            x = xp.maximum(xp.minimum(slip_angle * (cornering_stiffness / peak_force), 1.0), -1.0)
+            return -peak_force * (x - x**3 / 3.0)
+
+        return lateral_force
+
+
+def test_a_law_of_the_users_own():
+    """x (1 - x^2/3) / x = (speed / critical speed)^2 in small angles; rounding at the edge of sliding adds no turn."""
+    right, straight, left = analysis.equilibria("oversteer", 0.9 * CRITICAL, tire=Cubic(), geometry="small_angle")
+    assert kinds((right, straight, left)) == three("stable node")
+    x = 90e3 * right.rear_slip_angle / OVERSTEER.rear_axle_load
+    assert x == pytest.approx(math.sqrt(3.0 * (1.0 - 0.9**2)), rel=1e-10)
+    assert kinds(analysis.equilibria("oversteer", 0.9 * CRITICAL, tire=Cubic())) == three("stable node")
 
 
 # Symmetry, simulation, published
