@@ -19,6 +19,12 @@ from bicycle_env.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, RED, dress
 
 STEER_SHOWN = (0.035, 0.2)  # rad: the least and the most
 WIDEST = 25.0  # deg: small angles
+SLOW = 0.1  # 1/s: a turn that draws near by less than this is no turn that a driver would call stable
+KINDS = (
+    (GREEN, "-", "steady turn, stable"),
+    (GREY, "-.", "sliding: both axles at their limit, hardly stable"),
+    (RED, "--", "steady turn, unstable: needs a driver"),
+)
 LINEAR_SHOWN = 10.0  # m/s^2: how far the diagram of a tire without limit is drawn
 
 
@@ -77,17 +83,17 @@ def draw_handling(axes: Any, diagram: HandlingDiagram, vehicle: Vehicle, speed: 
 
 
 def draw_branches(axes: Any, branches: tuple[EquilibriumBranch, ...], axle: str) -> None:
-    """Yaw rate of all steady turns against one axle's steer: stable solid, unstable dashed, the fold marked."""
+    """Yaw rate of all steady turns against one axle's steer: stable, barely so, or unstable; the fold marked."""
     for branch in branches:
         steer, yaw_rate = np.degrees(getattr(branch, axle)), np.degrees(branch.yaw_rate)
-        for stable, color, line, label in (
-            (True, GREEN, "-", "steady turn, stable"),
-            (False, RED, "--", "steady turn, unstable: needs a driver"),
-        ):
-            shown = np.where(branch.is_stable == stable, yaw_rate, np.nan)
+        slow = branch.is_stable & (np.max(branch.eigenvalues.real, axis=1) > -SLOW)
+        kinds = np.where(branch.is_stable, np.where(slow, 1, 0), 2)
+        for kind, (color, line, label) in enumerate(KINDS):
+            shown = np.where(kinds == kind, yaw_rate, np.nan)
             # A run of one kind reaches the next kind's first point, so that the curve has no gap.
-            edge = np.flatnonzero(np.diff(branch.is_stable.astype(int)) != 0)
-            if not stable:
+            edge = np.flatnonzero(np.diff(kinds) != 0)
+            edge = edge[(kinds[edge] == kind) | (kinds[edge + 1] == kind)]
+            if kind > 0:
                 shown[edge], shown[edge + 1] = yaw_rate[edge], yaw_rate[edge + 1]
             if np.any(np.isfinite(shown)):
                 axes.plot(steer, shown, color=color, linestyle=line, label=label)
