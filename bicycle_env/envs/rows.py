@@ -43,7 +43,8 @@ class Rows:
             dtype,
         )
         self.numbers = np.concatenate([shared, np.zeros(self.blocks * at.width * kind.length, dtype=dtype)])
-        self._columns = self.numbers[len(shared) :].reshape(self.blocks, at.width, kind.length)
+        self._car = at.car
+        self._shared, self._shape = len(shared), (self.blocks, at.width, kind.length)
         if fleet.varied:
             own = [*fleet.car, *fleet.settings, *(1.0 / fleet.observation_scale.T)]
             everyone = np.ones(num_envs, dtype=np.bool_)
@@ -51,9 +52,19 @@ class Rows:
                 self._columns[:, column] = np.ravel(values)[0]  # rows that fill up the last block, too
                 self._put(column, np.broadcast_to(values, num_envs), everyone)
 
+    @property
+    def _columns(self) -> NDArray[Any]:
+        """(blocks, columns, rows a block), a view of the numbers; made when asked for: a copy has its own."""
+        return self.numbers[self._shared :].reshape(self._shape)
+
+    @property
+    def episodes(self) -> NDArray[Any]:
+        """(blocks, columns, rows a block), a view: state, memory and route, without what a car is made of."""
+        return self._columns[:, : self._car]
+
     def _put(self, column: int, values: Any, mask: NDArray[np.bool_]) -> None:
         rows = np.flatnonzero(mask)
-        length = self._columns.shape[2]
+        length = self._shape[2]
         self._columns[rows // length, column, rows % length] = values[rows]
 
     def column(self, name: str) -> Column:
@@ -68,13 +79,13 @@ class Rows:
     def copy_of(self, mask: NDArray[np.bool_]) -> NDArray[Any]:
         """(rows, columns): all numbers of the rows in a mask."""
         rows = np.flatnonzero(mask)
-        length = self._columns.shape[2]
+        length = self._shape[2]
         return self._columns[rows // length, :, rows % length]
 
     def put_back(self, copy: NDArray[Any], mask: NDArray[np.bool_]) -> None:
         """Restore what :meth:`copy_of` gave."""
         rows = np.flatnonzero(mask)
-        length = self._columns.shape[2]
+        length = self._shape[2]
         self._columns[rows // length, :, rows % length] = copy
 
     def state(self, control_timestep: float) -> Any:
@@ -94,33 +105,38 @@ def checked_mask(mask: Any, num_envs: int) -> NDArray[np.bool_]:
     return mask.copy()
 
 
-def checked_start(task: Task, options: Any, fleet: Fleet, num_envs: int) -> dict[str, Any]:
+def checked_start(task: Task, options: Any, fleet: Fleet, num_envs: int, dtype: str) -> dict[str, Any]:
     """What the options set after a random start: values by name. ValueError, TypeError before anything changes."""
     given = task.check_options(options)
     changes: dict[str, Any] = {}
     if "state" in given:
-        changes |= _checked_states(given["state"], fleet, num_envs)
+        changes |= _checked_states(given["state"], fleet, num_envs, dtype)
     unset = task.Route(*([math.nan] * len(task.Route._fields)))
     route = task.route_with(unset, given, fleet.car.speed)
     return changes | {name: value for name, value in route._asdict().items() if not np.any(np.isnan(value))}
 
 
-def _checked_states(given: Any, fleet: Fleet, num_envs: int) -> dict[str, Any]:
+def _checked_states(given: Any, fleet: Fleet, num_envs: int, dtype: str) -> dict[str, Any]:
     """The least and the greatest value of each name are checked, for all."""
-    limits = (fleet.configuration.front_actuator.angle_limit, fleet.configuration.rear_actuator.angle_limit)
+    actuators = (fleet.configuration.front_actuator, fleet.configuration.rear_actuator)
+    # A float32 state may be the limit rounded up.
+    front, rear = (max(one.angle_limit, float(np.dtype(dtype).type(one.angle_limit))) for one in actuators)
     if not isinstance(given, Mapping):
-        return checked_state(given, *limits)
+        return checked_state(given, front, rear)
     columns: dict[str, Column] = {}
     for name, value in given.items():
-        if np.ndim(value) == 0:
+        if not isinstance(value, (list, tuple)) and np.ndim(value) == 0:
             continue
         label = f"options['state'][{name!r}] must be a number or num_envs = {num_envs} of them"
-        column = np.asarray(value)
+        try:
+            column = np.asarray(value)
+        except ValueError:  # lists of different lengths
+            column = np.asarray(None)
         if column.dtype.kind not in "fiu":
             raise TypeError(f"{label}, got {value!r}")
         if column.shape != (num_envs,):
             raise ValueError(f"{label}, got shape {column.shape}")
         columns[name] = column.astype(np.float64)
-    checked_state({**given, **{name: np.min(column) for name, column in columns.items()}}, *limits)
-    values = checked_state({**given, **{name: np.max(column) for name, column in columns.items()}}, *limits)
+    checked_state({**given, **{name: np.min(column) for name, column in columns.items()}}, front, rear)
+    values = checked_state({**given, **{name: np.max(column) for name, column in columns.items()}}, front, rear)
     return {**values, **columns}

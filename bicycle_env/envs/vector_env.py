@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar, NamedTuple
@@ -31,6 +32,8 @@ MODES = {mode.value: mode for mode in AutoresetMode}
 FEWEST_PER_THREAD = 512
 """Rows below which another thread costs more than it brings."""
 MOST_THREADS = 1024
+MOST_STEPS = {"float64": 10**9, "float32": 2**24}
+"""float32 counts no further."""
 
 
 class VectorSnapshot(NamedTuple):
@@ -56,8 +59,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             ``reset(options={"reset_mask": mask})``; a row that has ended stays where it is.
         dtype: "float64", or "float32" for twice the speed.
         threads: share the rows among so many threads.
-        staggered_start: the first episode of row i begins at a later time of its clock, evenly spread, so that the
-            time-outs of all rows do not fall together.
+        staggered_start: after a reset of all rows, the episode of row i begins at a later time of its clock, evenly
+            spread, so that the time-outs of all rows do not fall together.
         on_invalid: an action that is not finite: "raise", before anything changes; or "terminate" its row, with the
             end code 3, while the others go on.
         telemetry: more in ``info``.
@@ -103,7 +106,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             raise ValueError(f"render_mode must be None for many cars (draw one by gym.make), got {render_mode!r}")
         self._adopt_fleet(fleet_of(self.single_class, self.num_envs, keywords))
         limit = self.task.episode_steps if max_episode_steps is None else max_episode_steps
-        self.max_episode_steps = None if limit == -1 else whole("max_episode_steps", limit)
+        most = MOST_STEPS[self.dtype]
+        self.max_episode_steps = None if limit == -1 else whole("max_episode_steps", limit, 1, most)
         self.end_names = self.configuration.end_names
 
         bound = self.configuration.observation_bound
@@ -163,8 +167,9 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             ValueError, TypeError: a bad seed or option, before anything changes.
         """
         given = dict(options) if isinstance(options, Mapping) else options
-        mask = checked_mask(given.pop("reset_mask", None) if isinstance(given, dict) else None, self.num_envs)
-        changes = checked_start(self.task, given, self.fleet, self.num_envs)
+        masked = given.pop("reset_mask", None) if isinstance(given, dict) else None
+        mask = checked_mask(masked, self.num_envs)
+        changes = checked_start(self.task, given, self.fleet, self.num_envs, self.dtype)
         seeds = _seeds(seed, self.num_envs)
         if not self._started and not np.all(mask):
             raise gym.error.ResetNeeded("the first reset() must start all rows: it takes no reset_mask")
@@ -173,7 +178,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._kernels.start(self._numbers, mask, self._addresses, observation, values, flags, end, True)
         if changes:
             self._rows.put(changes, mask)
-        if self.staggered_start and not self._started and self.max_episode_steps is not None:
+        if self.staggered_start and masked is None and self.max_episode_steps is not None:
             spread = np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
             self._rows.put({"steps": spread.astype(np.float64)}, mask)
         self._started = True
@@ -203,7 +208,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             type(actions) is not np.ndarray
             or actions.dtype is not FLOAT32
             or actions.shape != self._action_shape
-            or not actions.flags.c_contiguous
+            or not actions.flags.carray
         ):
             actions = converted_action(actions, self._action_shape, self.steer)
         observation, values, flags, end = self._new_results()
@@ -214,12 +219,13 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         ended = self._run(actions, observation, values, flags, end)
         bad = None
         if ended < 0:
-            bad = ~np.all(np.isfinite(actions), axis=1)
-            if self.on_invalid == "raise":
+            finite = np.isfinite(actions)
+            bad = ~np.all(finite, axis=1) & ~self._over  # a row that is waiting takes no action
+            if self.on_invalid == "raise" and np.any(bad):
                 row = int(np.argmax(bad))
                 raise ValueError(f"actions must be finite, nominally in [-1, 1]; row {row} has {actions[row]}")
             spoiled = self._rows.copy_of(bad)
-            ended = self._run(np.where(bad[:, None], FLOAT32.type(0.0), actions), observation, values, flags, end)
+            ended = self._run(np.where(finite, actions, FLOAT32.type(0.0)), observation, values, flags, end)
             self._rows.put_back(spoiled, bad)
             self._kernels.look(self._numbers, bad, observation, values)
             values[0, bad] = self._forfeit(bad)
@@ -228,7 +234,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             self._rows.put_back(saved, held)
             self._kernels.look(self._numbers, held, observation, values)
             values[0, held], end[held] = 0.0, self._end[held]
-            flags[0, held], flags[1, held], flags[2, held] = self._end[held] > 0, self._end[held] == 0, True
+            flags[0, held], flags[1, held], flags[2, held] = self._end[held] > 0, self._late()[held], True
         if ended or bad is not None or self._any_over or self.telemetry:
             if bad is not None or held is not None:
                 ended = int(np.count_nonzero(flags[2]))
@@ -268,19 +274,22 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         return dict(zip(MEASURED, out, strict=True))
 
     def snapshot(self) -> VectorSnapshot:
-        """The whole state of all rows, random generators included."""
+        """The whole state of all rows, random generators included; ResetNeeded before the first reset."""
+        if not self._started:
+            raise gym.error.ResetNeeded("call reset() before snapshot()")
         states = tuple(generator.bit_generator.state for generator in self._generators)
-        return VectorSnapshot(self._numbers.copy(), self._over.copy(), self._end.copy(), states)
+        return VectorSnapshot(self._rows.episodes.copy(), self._over.copy(), self._end.copy(), states)
 
     def restore(self, snapshot: VectorSnapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observations there."""
-        if not isinstance(snapshot, VectorSnapshot) or snapshot.rows.shape != self._numbers.shape:
+        if not isinstance(snapshot, VectorSnapshot) or not self._fits(snapshot):
             raise TypeError(f"snapshot must come from snapshot() of an equal environment, got {type(snapshot)!r}")
         if len(self._generators) != len(snapshot.generators):
             self._seed([None] * self.num_envs, np.ones(self.num_envs, dtype=np.bool_))
         for generator, state in zip(self._generators, snapshot.generators, strict=True):
             generator.bit_generator.state = state
-        self._numbers[:], self._over, self._end = snapshot.rows, snapshot.over.copy(), snapshot.end.copy()
+        self._rows.episodes[:] = snapshot.rows
+        self._over, self._end = snapshot.over.copy(), snapshot.end.copy()
         self._any_over, self._started = bool(np.any(self._over)), True
         results = self._new_results()
         self._kernels.look(self._numbers, self._everyone, *results[:2])
@@ -288,6 +297,10 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         return observation
 
     # Inner workings
+
+    def _fits(self, snapshot: VectorSnapshot) -> bool:
+        mine, theirs = self._rows.episodes, snapshot.rows
+        return (mine.shape, mine.dtype, self._over.shape) == (theirs.shape, theirs.dtype, snapshot.over.shape)
 
     def _new_results(self) -> tuple[Any, Any, Any, Any]:
         """Observation, values (reward, cost), flags (terminated, truncated, either) and end codes of a step."""
@@ -337,6 +350,11 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         here = self._everyone.copy() if rows is None else rows.copy()
         return {**info, **{f"_{name}": here for name in info}}
 
+    def _late(self) -> Any:
+        """(num_envs,): whether the time is over."""
+        limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
+        return self._rows.column("steps") >= limit
+
     def _forfeit(self, rows: Any) -> Any:
         """What an invalid action costs: with the quadratic reward, all steps that are left at the worst."""
         if self.reward != "quadratic":
@@ -368,7 +386,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
 
 def _seeds(seed: Any, num_envs: int) -> list[int | None]:
-    if seed is None or isinstance(seed, (int, np.integer)):
+    if seed is None or np.ndim(seed) == 0:
         first = None if seed is None else whole("seed", seed, 0, 2**63)
         return [None if first is None else first + row for row in range(num_envs)]
     if not isinstance(seed, (Sequence, np.ndarray)) or len(seed) != num_envs:
