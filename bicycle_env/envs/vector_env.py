@@ -28,6 +28,7 @@ from bicycle_env.physics.validation import choice, flag, known_keys, whole
 from bicycle_env.tasks.ends import INVALID_ACTION
 from bicycle_env.tasks.rewards import failure_cost
 
+BOOL, INT8 = np.dtype(np.bool_), np.dtype(np.int8)
 MODES = {mode.value: mode for mode in AutoresetMode}
 FEWEST_PER_THREAD = 512
 """Rows below which another thread costs more than it brings."""
@@ -116,6 +117,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._observation_shape = (self.num_envs, len(bound))
+        self._result_shapes = (self._observation_shape, (2, self.num_envs), (3, self.num_envs), self.num_envs)
         self._action_shape = (self.num_envs, self.configuration.axles)
 
         self._kind = blocks.Kind(
@@ -304,18 +306,13 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     def _new_results(self) -> tuple[Any, Any, Any, Any]:
         """Observation, values (reward, cost), flags (terminated, truncated, either) and end codes of a step."""
-        n = self.num_envs
-        return (
-            np.empty(self._observation_shape, FLOAT32),
-            np.empty((2, n)),
-            np.empty((3, n), np.bool_),
-            np.empty(n, np.int8),
-        )
+        shapes = self._result_shapes
+        return np.empty(shapes[0], FLOAT32), np.empty(shapes[1]), np.empty(shapes[2], BOOL), np.empty(shapes[3], INT8)
 
     def _run(self, actions: Any, observation: Any, values: Any, flags: Any, end: Any) -> int:
-        arguments = (self._numbers, actions, observation, values, flags, end)
         if self._pool is None:
-            return self._step(*arguments, 0, self._blocks)
+            return self._step(self._numbers, actions, observation, values, flags, end, 0, self._blocks)
+        arguments = (self._numbers, actions, observation, values, flags, end)
         if not np.all(np.isfinite(actions)):  # before any thread changes anything
             return block_kernels.BAD_ACTION
         others = [self._pool.submit(self._step, *arguments, first, last) for first, last in self._parts[1:]]
