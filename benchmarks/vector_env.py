@@ -21,7 +21,7 @@ import gymnasium as gym
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-from limit import build
+from limit import build, peak
 from rivals import numpy_step, sb3_ratio
 
 from bicycle_env import provenance
@@ -282,6 +282,11 @@ def main() -> int:
             short = True
             print("the first step in a new process must take less than a second  SHORT")
     if options.most:
+        limit = peak.measure()
+        report["limit"] = {
+            **limit._asdict(),
+            "operations of a step": {name: peak.operations(name) for name in ("linear", *NONLINEAR)},
+        }
         report["rows per second"] = cost_by_number(options.most)
     if options.json:
         command = "python benchmarks/vector_env.py" + (f" --most {options.most}" if options.most else "")

@@ -1,0 +1,46 @@
+"""Draw docs/performance.png from results/vector_env.json: rows per second against the number of cars."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from bicycle_env import plots
+
+ROOT = Path(__file__).parent.parent
+BYTES = {"linear": 2 * 88 + 32 + 8 + 16 + 4}
+"""Read and written per row and step: the block twice, observation, action, reward and cost, flags and end."""
+PEERS = ("CartPoleVectorEnv", "envpool Pendulum-v1")
+
+
+def main() -> None:
+    report = json.loads((ROOT / "results" / "vector_env.json").read_text(encoding="utf-8"))
+    rates, limit = report["rows per second"], report["limit"]
+    figure = plots.new_figure(9.0, 6.0, "One control step (five RK4 steps) of many cars, rows per second")
+    axes = figure.subplots()
+    for k, (name, found) in enumerate(rates.items()):
+        look = plots.line_style(k)
+        axes.plot(
+            [int(n) for n in found],
+            list(found.values()),
+            color=look.color,
+            linestyle=":" if name in PEERS else "-",
+            marker="s" if name in PEERS else "o",
+            markersize=4,
+            label=name,
+        )
+    for name, line in (("linear", "--"), ("fiala", "-.")):
+        steps = 2.0 * limit["multiply_adds"] / sum(limit["operations of a step"][name].values())
+        axes.axhline(steps, color="0.3", linestyle=line, linewidth=1.0, label=f"limit of the core, {name}")
+    memory = limit["bytes_per_second"] / BYTES["linear"]
+    axes.axhline(memory, color="0.6", linestyle=(0, (1, 1)), linewidth=1.0, label="limit of the memory, one core")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("number of cars in the vector environment")
+    axes.set_ylabel("rows per second")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    plots.save(figure, ROOT / "docs" / "performance.png")
+
+
+if __name__ == "__main__":
+    main()
