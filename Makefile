@@ -5,14 +5,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test lint lane-change benchmark gymnasium-versions clean
+.PHONY: help demo test lint lane-change room benchmark benchmark-vector gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: results/demo.json and results/demo/*.png"
 	@echo "make test                install what the tests need and run them"
 	@echo "make lint                ruff and mypy"
 	@echo "make lane-change         learn the lane change with five seeds: results/BicycleLaneChange-v0-ppo.json (6 minutes)"
+	@echo "make room                what could be saved beside what controllers save: results/room.json, .png"
 	@echo "make benchmark           speed beside CartPole and highway-env: results/single_env.json"
+	@echo "make benchmark-vector    many cars at once, beside C and other libraries: results/vector_env.json (needs gcc)"
 	@echo "make gymnasium-versions  contract checks on gymnasium $(GYMNASIUM_VERSIONS)"
 
 $(VENV)/bin/python:
@@ -38,8 +40,15 @@ lint: $(VENV)/.installed-test
 lane-change: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.benchmark --env-id BicycleLaneChange-v0 --median-of-lqr 0.8 --worst-of-lqr 0.5
 
+room: $(VENV)/.installed-demo
+	$(BIN)/python -m agents.room --policy lqr mpc --json results/room.json
+
 benchmark: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/single_env.py --json results/single_env.json
+
+benchmark-vector: $(VENV)/.installed-bench
+	$(BIN)/python benchmarks/vector_env.py --most 1000000 --json results/vector_env.json
+	$(BIN)/python benchmarks/picture.py
 
 gymnasium-versions:
 	@for version in $(GYMNASIUM_VERSIONS); do \

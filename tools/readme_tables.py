@@ -1,4 +1,6 @@
-"""Write the README's tables from the results files: `python tools/readme_tables.py`; `--check` only compares.
+"""Write the tables of the README and of docs/ from the results files: `python tools/readme_tables.py`.
+
+`--check` only compares.
 
 A table stands between `<!-- results: NAME -->` and `<!-- end -->`; NAME is one of the functions below.
 """
@@ -12,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parent.parent
+PAGES = ("README.md", "docs/performance.md")
 DEGREES = 57.29577951308232
 
 
@@ -109,7 +112,39 @@ def speed() -> str:
     )
 
 
-TABLES = {function.__name__: function for function in (demo, stab_ppo, lane_change_ppo, speed)}
+def vector() -> str:
+    result = read("vector_env.json")
+    lines = ["| what | measured | must | rows/s, ours | rows/s, theirs |", "|---|---|---|---|---|"]
+    for row in result["ratios"]:
+        short = "" if row["ratio"] >= row["must"] else " **short**"
+        rates = [f"{row[key]:,}" if key in row else "-" for key in ("ours", "theirs")]
+        lines.append(f"| {row['row']} | {row['ratio']:g}{short} | {row['must']:g} | {rates[0]} | {rates[1]} |")
+    lines += [f"| {name} | not measured | | | |" for name in result["not measured"]]
+    size = result["bytes per car"]
+    more = (
+        f"Python {result['versions']['python']}. First step in a new process, everything compiled before: "
+        f"{result['first step in a new process, s']:g} s. Memory per car: {size['blocks']:g} bytes of numbers, "
+        f"{size['generators and a reset']:g} with its random generator. `results/vector_env.json`."
+    )
+    return "\n".join([*lines, "", made(result, more)])
+
+
+def room() -> str:
+    result = read("room.json")
+    conditions = result["conditions"]
+    policies = [name for name in next(iter(conditions.values())) if name != "bound"]
+    heads = ["what some steering could save [%]", *(f"{name} [%]" for name in policies)]
+    lines = ["| condition | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    for name, row in conditions.items():
+        cells = [
+            f"{100 * row[key]['value']:.1f} [{100 * row[key]['interval'][0]:.1f}, {100 * row[key]['interval'][1]:.1f}]"
+            for key in ("bound", *policies)
+        ]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join([*lines, "", made(result, "`results/room.json`. In brackets: 95 % intervals.")])
+
+
+TABLES = {function.__name__: function for function in (demo, stab_ppo, lane_change_ppo, speed, vector, room)}
 
 
 def filled(text: str) -> str:
@@ -122,13 +157,15 @@ def filled(text: str) -> str:
 
 
 def main() -> int:
-    readme = ROOT / "README.md"
-    text = readme.read_text(encoding="utf-8")
-    new = filled(text)
-    if "--check" in sys.argv:
-        return int(new != text)
-    readme.write_text(new, encoding="utf-8")
-    return 0
+    stale = False
+    for page in PAGES:
+        path = ROOT / page
+        text = path.read_text(encoding="utf-8")
+        new = filled(text)
+        stale |= new != text
+        if "--check" not in sys.argv:
+            path.write_text(new, encoding="utf-8")
+    return int(stale and "--check" in sys.argv)
 
 
 if __name__ == "__main__":
