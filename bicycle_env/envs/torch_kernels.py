@@ -57,14 +57,14 @@ class TorchKernels:
     """Pure functions of tensors for one fleet and one task; ``world`` holds what stays the same."""
 
     def __init__(
-        self, torch: Any, fleet: Fleet, num_envs: int, device: Any, dtype: Any, max_episode_steps: int, compiled: bool
+        self, torch: Any, fleet: Fleet, num_envs: int, device: Any, dtype: Any, step_limit: float, compiled: bool
     ) -> None:
         configuration = fleet.configuration
         task, tire, geometry = configuration.task, configuration.tire, configuration.geometry
         xp = array_namespace(torch)
         self._torch, self._xp = torch, xp
         self._num_envs = num_envs
-        self._max_episode_steps = max_episode_steps
+        self._step_limit = step_limit
         self._steps_to_settle = configuration.steps_to_settle
         self._pays_for_failure = configuration.reward == "quadratic"
 
@@ -76,7 +76,7 @@ class TorchKernels:
         )
         self._scale = tensor(fleet.observation_scale)
         self._bound = torch.tensor(configuration.observation_bound, device=device)
-        self._times = tensor(task.preview_times)[:, None]
+        self._times = tensor(task.preview_times).unsqueeze(1)
         self._start = task.start(xp)
         self._begin, self._advance, self._finish = stages(xp, task, tire, geometry, configuration.reward)
         if compiled:  # one substep: the whole step, unrolled, would take the compiler minutes
@@ -87,9 +87,9 @@ class TorchKernels:
         self._axles = axles(xp, tire, geometry)
 
     def start(self, uniforms: Tensor) -> Episodes:
-        """Random starts from ``task.uniforms`` numbers in [0, 1) per car: (uniforms, num_envs)."""
-        state, route = self._start(uniforms, self.world)
-        zero = 0.0 * uniforms[0]
+        """Random starts from numbers in [0, 1): (task.uniforms, num_envs)."""
+        state, route = self._start(uniforms.unbind(), self.world)
+        zero = 0.0 * state.heading
         memory = Memory(zero, zero, zero, zero, mapped(lambda value: value.expand(self._num_envs), route))
         running = zero.to(self._torch.int8)
         return Episodes(state, memory, running, running != RUNNING)
@@ -100,15 +100,16 @@ class TorchKernels:
         It gets the reward 0, the least there is; with the quadratic reward it pays for all steps that are left.
         """
         finite = self._torch.isfinite(action).all(dim=1)
-        action = self._xp.minimum(self._xp.maximum(action.where(finite[:, None], 0.0), -1.0), 1.0)
+        action = self._xp.minimum(self._xp.maximum(action.where(finite.unsqueeze(1), 0.0), -1.0), 1.0)
         rules = self.world.rules
-        pair = (action[:, 0] * rules.steers_front, action[:, -1] * rules.steers_rear)
+        steers = action.unbind(dim=1)
+        pair = (steers[0] * rules.steers_front, steers[-1] * rules.steers_rear)
         command, stage = self._begin(before.state, before.memory, pair, self.world)
         state = before.state
         for _ in range(int(rules.substeps)):
             state = self._advance(state, command, self.world)
         memory, reward, end, _ = self._finish(state, before.memory, pair, stage, self.world)
-        after = Episodes(state, memory, end.to(self._torch.int8), memory.steps >= self._max_episode_steps)
+        after = Episodes(state, memory, end.to(self._torch.int8), memory.steps >= self._step_limit)
         stopped = before._replace(end=INVALID_ACTION, timed_out=False)
         forfeit = -self._failure_cost(before.memory.steps, self.world.car, rules) if self._pays_for_failure else 0.0
         return chosen(finite, after, stopped), reward.where(finite, forfeit)

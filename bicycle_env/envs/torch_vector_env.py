@@ -16,6 +16,7 @@ from gymnasium.vector.utils import batch_space
 
 from bicycle_env.envs.fleet import PER_CAR, ConfiguredFleet, registered_fleet
 from bicycle_env.envs.single_track_env import SingleTrackEnv
+from bicycle_env.envs.telemetry import telemetry as telemetry_of
 from bicycle_env.envs.torch_kernels import Episodes, Tensor, TorchKernels, chosen, mapped
 from bicycle_env.envs.torch_options import TorchOptions
 from bicycle_env.physics.single_track import CarState
@@ -55,13 +56,18 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             (where ``info["_final_obs"]``; elsewhere the present values). NextStep: it starts anew in the next step,
             which ignores its action and gives reward 0. Disabled: it stays where it is, with reward 0 and its flags,
             until ``reset(options={"reset_mask": mask})``.
-        max_episode_steps: control steps until the time-out, which truncates; the registered number by default.
+        max_episode_steps: control steps until the time-out, which truncates; the registered number by default, -1:
+            none.
+        staggered_start: the first episode of car i begins at a later time of its clock, evenly spread, so that the
+            time-outs of all cars do not fall together.
         on_invalid: "terminate" ends the episode of a car whose action is not finite, and no other's: the car stays,
             its end is "invalid_action", its reward 0 (quadratic: all steps that are left are paid for). "raise"
             raises ValueError before anything changes; to know, the host must wait for the device in every step.
-        compile: compile the RK4 substep with torch.compile, which needs a C++ compiler (on the CPU) or Triton.
-        **env_keywords: as of the single environment, without ``telemetry`` and ``render_mode``; ``vehicle``, ``speed``,
-            ``speed_ratio`` and ``friction`` take one value or a sequence or tensor of num_envs of them.
+        telemetry: more in ``info``, as the single environment's.
+        compile: compile the RK4 substep with torch.compile, about ten times faster; the first step then takes a
+            minute. Needs a C++ compiler on the CPU, Triton on a GPU.
+        **env_keywords: as of the single environment, without ``render_mode``; ``vehicle``, ``speed``, ``speed_ratio``
+            and ``friction`` take one value or a sequence or tensor of num_envs of them.
 
     ``info`` (tensors (num_envs,)): ``end``, int8 codes whose words are ``end_names``; ``cost``, 1.0 while a corner of
     the body is outside of the corridor; ``is_success``, running and settled for the last second: at a time-out, a
@@ -83,7 +89,9 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         dtype: Any = "float64",
         autoreset_mode: str | AutoresetMode = "SameStep",
         max_episode_steps: int | None = None,
+        staggered_start: bool = False,
         on_invalid: str = "terminate",
+        telemetry: bool = False,
         compile: bool = False,
         **env_keywords: Any,
     ) -> None:
@@ -94,8 +102,10 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self.autoreset_mode = AUTORESET_MODES[choice("autoreset_mode", word, AUTORESET_MODES)]
         self.metadata = {**SingleTrackEnv.metadata, "render_modes": [], "autoreset_mode": self.autoreset_mode}
         steps = self.spec.max_episode_steps if max_episode_steps is None else max_episode_steps
-        self.max_episode_steps = whole("max_episode_steps", steps)
+        self.max_episode_steps = None if steps == -1 else whole("max_episode_steps", steps)
+        self.staggered_start = flag("staggered_start", staggered_start)
         self.on_invalid = choice("on_invalid", on_invalid, ON_INVALID)
+        self.telemetry = flag("telemetry", telemetry)
         self.dtype = getattr(torch, choice("dtype", str(dtype).removeprefix("torch."), DTYPES))
         self.device, self._generator = _device_and_generator(torch, device)
         for name in PER_CAR:
@@ -108,15 +118,9 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self.single_observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         self.single_action_space = spaces.Box(-1.0, 1.0, self._action_shape[1:], np.float32)
         self._torch = torch
-        self._kernels = TorchKernels(
-            torch,
-            self.fleet,
-            self.num_envs,
-            self.device,
-            self.dtype,
-            self.max_episode_steps,
-            flag("compile", compile),
-        )
+        step_limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
+        tensors = (torch, self.fleet, self.num_envs, self.device, self.dtype)
+        self._kernels = TorchKernels(*tensors, step_limit, flag("compile", compile))
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
         self._options = TorchOptions(torch, self.num_envs, self.device, self.dtype, *limits)
         self._episodes: Episodes | None = None
@@ -161,6 +165,9 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         if seed is not None:
             self._generator.manual_seed(seed)
         fresh = self._with_route(self._with_state(self._started(), values), given)
+        if self.staggered_start and self._episodes is None and self.max_episode_steps is not None:
+            steps = self._torch.arange(self.num_envs, device=self.device) * self.max_episode_steps // self.num_envs
+            fresh = fresh._replace(memory=fresh.memory._replace(steps=steps.to(self.dtype)))
         self._episodes = fresh if kept is None else chosen(mask, fresh, kept)
         return self._look()
 
@@ -196,7 +203,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         instead = self._started() if self.autoreset_mode is AutoresetMode.NEXT_STEP else before
         self._episodes = chosen(before.over, instead, after)
         observation, info = self._look()
-        reward = reward.where(~before.over, 0.0)
+        reward = reward.where(before.over.logical_not(), 0.0)
         return observation, reward, self._episodes.end > 0, self._episodes.timed_out.clone(), info
 
     # What else a user may ask
@@ -283,7 +290,10 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
     def _look(self) -> tuple[Tensor, dict[str, Any]]:
         episodes = self._begun("observing")
         observation, cost = self._kernels.look(episodes)
-        return observation, {"end": episodes.end.clone(), "cost": cost, "is_success": self._kernels.success(episodes)}
+        info = {"end": episodes.end.clone(), "cost": cost, "is_success": self._kernels.success(episodes)}
+        if self.telemetry:
+            info = {**telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.world.car), **info}
+        return observation, info
 
     def _with_state(self, episodes: Episodes, values: Mapping[str, Tensor]) -> Episodes:
         state = {name: value for name, value in values.items() if name in CarState._fields}
