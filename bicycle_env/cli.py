@@ -144,7 +144,7 @@ def run_report(chosen: argparse.Namespace) -> None:
 
     def tell(words: str) -> None:
         if not chosen.quiet:
-            sys.stderr.write(f"{words} ...\n")
+            sys.stderr.write(f"{words}\n")
             sys.stderr.flush()
 
     page = None

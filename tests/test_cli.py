@@ -59,7 +59,7 @@ def test_json_is_the_study(capsys, no_matplotlib):
     printed = capsys.readouterr()
     expected = report.as_json(report.study("civic", 25.0, friction=0.5, grid=31))
     assert json.loads(printed.out) == json.loads(json.dumps(expected))
-    assert printed.err.startswith("computing what can be saved, on 31 x 31 states ...\n")
+    assert printed.err.startswith("computing what can be saved, on 31 x 31 states\n")
 
 
 def test_tables_without_a_folder(capsys, no_matplotlib):
@@ -82,7 +82,7 @@ def test_a_report_of_ones_own_car(tmp_path, capsys, monkeypatch):
     content = json.loads(printed.out)  # nothing but JSON on standard output
     assert content["vehicle"]["name"] == "my_car"
     assert printed.err.splitlines()[-1] == str(out / "report.html")
-    assert "drawing root_locus.png ..." in printed.err
+    assert "drawing root_locus.png" in printed.err
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "my_car at 40.0 m/s = 144 km/h" in page
     assert "me &amp; &lt;mine&gt;" in page
@@ -135,19 +135,27 @@ def test_the_command_as_a_process(tmp_path):
     done = run("report", "--vehicle", "overster", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
-    assert run("--version").stdout == f"bicycle-env {__version__}\n"
-    shown = run("report", "--help")
-    assert shown.returncode == 0
-    for word in (
-        "examples:",
-        "bicycle-env report --vehicle civic",
-        "my_car.toml",
-        "mass = 1500.0",
-        "null",
-        "--speed-ratio",
-    ):
-        assert word in shown.stdout
-    assert "vehicles" in run("--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [
+        (["--version"], [f"bicycle-env {__version__}"]),
+        (["--help"], ["report", "vehicles"]),
+        (
+            ["report", "--help"],
+            ["examples:", "report --vehicle civic", "my_car.toml", "mass = 1500.0", "null", "--speed-ratio"],
+        ),
+        (["vehicles", "--help"], ["--json"]),
+    ],
+)
+def test_help_teaches(words, shown, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(words)
+    assert left.value.code == 0
+    printed = capsys.readouterr().out
+    for word in shown:
+        assert word in printed
 
 
 def test_the_example_in_the_help_is_a_car(tmp_path, capsys):

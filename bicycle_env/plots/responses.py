@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bicycle_env.analysis.stability import eigenvalues
 from bicycle_env.analysis.transfer_functions import INPUTS, zeros
 from bicycle_env.physics import tires
+from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.simulate import simulate
 from bicycle_env.physics.validation import checked_speed, number, positive
@@ -49,7 +50,7 @@ def wrong_way(vehicle: str | Vehicle, speed: float, input: str, output: str, dur
         return None
     run = step_response(vehicle, speed, input, positive("duration", duration), tire="linear")
     changes = np.flatnonzero(np.diff(np.sign(run[output][1:])))
-    return WrongWay(min(right), float(run["time"][1 + changes[0]])) if changes.size else None
+    return WrongWay(float(min(right)), float(run["time"][1 + changes[0]])) if changes.size else None
 
 
 def step_response(
@@ -62,8 +63,10 @@ def step_response(
     steer: float = DEGREE,
 ) -> dict[str, Array]:
     """Simulate straight running after a step of one road-wheel angle [rad]; as ``bicycle_env.simulate``."""
+    vehicle = resolve_vehicle(vehicle)
     angles = (steer, 0.0) if input == "front_steer" else (0.0, steer)
-    return simulate(vehicle, speed, angles, duration, tire=tire, friction=friction, timestep=2e-3)
+    timestep = min(2e-3, 1.0 / fastest_rate(vehicle, speed))  # one time constant of the fastest mode
+    return simulate(vehicle, speed, angles, duration, tire=tire, friction=friction, timestep=timestep)
 
 
 def suitable_duration(vehicle: Vehicle, speed: float) -> float:

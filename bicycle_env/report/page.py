@@ -21,11 +21,11 @@ h1 { line-height: 1.2; } h2 { margin-top: 2.5rem; border-bottom: 1px solid var(-
 p, figcaption, nav { max-width: 46rem; }
 a { color: var(--link); }
 .tables { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; margin: 0 0 1.5rem; }
+table { border-collapse: collapse; width: 100%; min-width: 38rem; margin: 0 0 1.5rem; }
 caption { text-align: left; font-weight: 600; padding: .6rem 0 .3rem; }
 th, td { text-align: left; vertical-align: top; padding: .25rem .6rem .25rem 0; border-top: 1px solid var(--line); }
-th[scope=row] { font-weight: 400; width: 17rem; } td.number { font-variant-numeric: tabular-nums; width: 17rem; }
-td.equation { width: 8rem; } thead th { font-size: .85rem; border-top: 0; }
+th[scope=row] { font-weight: 400; width: 22%; } td.number { font-variant-numeric: tabular-nums; width: 24%; }
+td.equation { width: 12%; } thead th { font-size: .85rem; border-top: 0; }
 figure { margin: 1.5rem 0 2.5rem; }
 figure img { display: block; width: 100%; height: auto; background: #fff; border: 1px solid var(--line);
   border-radius: 4px; }
@@ -34,8 +34,9 @@ figcaption { margin-top: .6rem; } figcaption strong { display: block; }
 footer { margin-top: 3rem; font-size: .9rem; border-top: 1px solid var(--line); }
 @media print {
   :root { --text: #000; --back: #fff; --soft: #fff; --line: #999; --link: #000; color-scheme: light; }
-  body { max-width: none; font-size: 9.5pt; padding: 0; } nav { display: none; }
-  figure, tr { break-inside: avoid; } h2 { break-after: avoid; } figure img { max-height: 22cm; object-fit: contain; }
+  body { max-width: none; font-size: 9.5pt; padding: 0; } nav { display: none; } table { min-width: 0; }
+  figure, .tables { break-inside: avoid; } h2 { break-after: avoid; }
+  figure img { max-height: 22cm; object-fit: contain; }
 }
 """
 

@@ -106,15 +106,18 @@ def _step(study: Study) -> str:
 def _phase_plane(study: Study) -> str:
     shares = {name: f"{100 * share:.1f} %" for name, share in study.shares.items()}
     front, rear = (limit / DEGREE for limit in STEER_LIMITS)
-    kinds = [turn.kind for turn in study.equilibria]
-    saddles = sum(kind == "saddle" for kind in kinds)
-    border = (
-        "The thick blue lines are the stable manifolds of the saddles: the border between cars that end on one side "
-        "and on the other. "
-        if saddles
-        else "There is no saddle with straight wheels at this speed: the border of what comes back by itself is where "
-        "both axles begin to slide. "
-    )
+    if any(turn.kind == "saddle" for turn in study.equilibria):
+        border = (
+            "The thick blue lines are the stable manifolds of the saddles: the border between cars that end on one "
+            "side and on the other. "
+        )
+    elif study.shares["straight"] == 1.0:
+        border = "By itself this car comes back from everywhere in the dash-dotted box. "
+    else:
+        border = (
+            "There is no saddle with straight wheels at this speed: a car that does not come back by itself slides "
+            "away on both axles. "
+        )
     return (
         "Every point is a state: how far the car's body is turned against its path (sideslip) and how fast it turns "
         "(yaw rate). Left: the arrows show how the car moves when nobody steers; steady states are marked, a green "
@@ -143,8 +146,9 @@ def _steady_turns(study: Study) -> str:
         "needs beyond wheelbase / radius: leaning to the right is understeer, to the left oversteer, and the "
         f"dotted line is the linear car. {end} Middle and right: every steady turn that exists at this speed, against "
         "the angle of one axle. On solid green lines the car stays by itself, on dashed red ones only with a driver "
-        "who corrects. Where the two meet (white circle, a fold), if they do, the steady turn is lost: there is none "
-        "beyond that angle."
+        "who corrects; on dash-dotted grey ones both axles slide, and hardly anything draws the car back to that turn. "
+        "Where a dashed line ends at another (white circle, a fold) the steady turn is lost: there is none beyond that "
+        "angle."
     )
 
 

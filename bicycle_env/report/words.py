@@ -67,7 +67,8 @@ def _number(value: float) -> str:
 
 def _mapping(entry: dict[str, Any]) -> str:
     if "kind" in entry:
-        return f"{entry['kind']} at {entry['sideslip'] / DEGREE:.1f} deg, {entry['yaw_rate'] / DEGREE:.1f} deg/s"
+        sideslip, yaw_rate = entry["sideslip"] / DEGREE, entry["yaw_rate"] / DEGREE
+        return f"{entry['kind']} at sideslip {sideslip:.1f} deg, yaw rate {yaw_rate:.1f} deg/s"
     return " x ".join(f"{value:.3g}" for value in entry.values())
 
 

@@ -18,7 +18,7 @@ from bicycle_env.report.words import summary, title
 
 PAGE = "report.html"
 UNITS = {
-    "mass": ("kg", "m"),
+    "mass": ("kg", "m, of the whole car"),
     "yaw_inertia": ("kg m²", "I_z, about the vertical axis through the centre of mass"),
     "cg_to_front": ("m", "a, centre of mass to front axle"),
     "cg_to_rear": ("m", "b, centre of mass to rear axle"),

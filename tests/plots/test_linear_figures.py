@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -123,3 +124,10 @@ def test_bad_input_is_named(draw):
         draw("overster", 30.0)
     with pytest.raises(ValueError, match="speed must be"):
         draw("oversteer", -1.0)
+
+
+def test_a_car_with_a_very_fast_mode():
+    light = dataclasses.replace(vehicles["oversteer"], yaw_inertia=1.0)
+    found = plots.wrong_way(light, 43.0, "rear_steer", "lateral_acceleration")
+    assert found is not None
+    assert found.duration == pytest.approx(1.0 / found.zero, rel=0.05)

@@ -11,6 +11,7 @@ from bicycle_env import analysis, plots
 
 CARS = {"oversteer": 43.0, "understeer": 30.0}
 DEGREES = 180.0 / math.pi
+SLOW = 0.1  # 1/s
 
 
 def lines(axes, label):
@@ -76,7 +77,9 @@ def test_steady_turns_are_the_equilibria_and_folds_are_marked(name, folding):
         folds = lines(axes, "fold: the steady turn is lost")
         assert len(folds) == (2 if axle == folding else 0)
         for turn in analysis.equilibria(name, speed, steer=(0.005, 0.0) if axle == "front" else (0.0, 0.005)):
-            label = "steady turn, stable" if turn.is_stable else "steady turn, unstable: needs a driver"
+            growth = float(np.max(turn.eigenvalues.real))
+            label = "steady turn, stable" if growth < -SLOW else "sliding: both axles at their limit, hardly stable"
+            label = label if growth < 0.0 else "steady turn, unstable: needs a driver"
             gaps = [
                 np.hypot(line.get_xdata() - 0.005 * DEGREES, line.get_ydata() - turn.yaw_rate * DEGREES)
                 for line in lines(axes, label)
