@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -63,8 +64,17 @@ MORE_COLUMNS = (
 
 def make_env(env_id: str, keywords: dict[str, Any]) -> gym.Env:
     """gym.make with a user's mistakes turned into one line."""
+    return _made(env_id, lambda: gym.make(env_id, **keywords))
+
+
+def make_vector_env(env_id: str, number: int, keywords: dict[str, Any]) -> gym.vector.VectorEnv:
+    """gym.make_vec, as Stable-Baselines3 wants it, with a user's mistakes turned into one line."""
+    return _made(env_id, lambda: gym.make_vec(env_id, number, autoreset_mode="SameStep", **keywords))
+
+
+def _made(env_id: str, make: Callable[[], Any]) -> Any:
     try:
-        return gym.make(env_id, **keywords)
+        return make()
     except gym.error.Error as error:
         ids = ", ".join(sorted(name for name in gym.registry if name.startswith("Bicycle")))
         raise UserError(f"{error} Ids of this package: {ids}") from None

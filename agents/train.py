@@ -18,7 +18,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import gymnasium as gym
 import numpy as np
 import stable_baselines3 as sb3
 import torch
@@ -29,15 +28,15 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import safe_mean
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+from stable_baselines3.common.vec_env import VecMonitor
 
 import bicycle_env  # noqa: F401  (registers the environments)
 from agents import export, messages, settings
-from agents.evaluate import make_env, parse_keywords
+from agents.evaluate import make_vector_env, parse_keywords
 from agents.messages import UserError
 from bicycle_env import provenance
 from bicycle_env.files import write_bytes, write_json
-from bicycle_env.wrappers import RecordSuccess
+from bicycle_env.wrappers import SB3VecEnv
 
 CHECKPOINTS = 10
 CURVE_POINTS = 100
@@ -72,11 +71,7 @@ class Args:
 
 def build(args: Args, chosen: settings.Settings, keywords: dict[str, Any], tensorboard: Path) -> BaseAlgorithm:
     """The SB3 model on its environments."""
-
-    def make() -> gym.Env:
-        return RecordSuccess(make_env(args.env_id, keywords))
-
-    env = VecMonitor(DummyVecEnv([make] * chosen.n_envs))
+    env = VecMonitor(SB3VecEnv(make_vector_env(args.env_id, chosen.n_envs, keywords)))
     network = dict(chosen.network)
     model_keywords = dict(chosen.model)
     try:

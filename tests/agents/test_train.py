@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 import torch
 from rich.console import Console
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 import bicycle_env  # noqa: F401
 from agents import train
 from agents.messages import UserError
 from bicycle_env import control
+from bicycle_env.envs.bicycle_stab import BicycleStabVectorEnv
+from bicycle_env.wrappers import RecordSuccess
 
 STEPS = {"ppo": 4096, "sac": 1200, "td3": 1200}
 
@@ -105,6 +108,22 @@ def test_resume_restores_weights_optimiser_and_buffer(tmp_path):
     np.testing.assert_allclose(exported.act(observation), control.load(folder).act(observation), atol=1e-6)
 
 
+def test_training_on_many_cars_at_once_is_training_on_single_ones(tmp_path, monkeypatch):
+    def one_by_one(env):
+        assert isinstance(env, BicycleStabVectorEnv)
+        assert env.max_episode_steps == 50
+        return DummyVecEnv([lambda: RecordSuccess(gym.make("BicycleStab-v0", max_episode_steps=50))] * env.num_envs)
+
+    def files(folder):
+        train.train(quick("ppo", folder, env_keywords='{"max_episode_steps": 50}'), Console(quiet=True))
+        curve = [row.split(",") for row in (folder / "curve.csv").read_text().splitlines()]
+        return (folder / "policy.safetensors").read_bytes(), [[steps, *means] for steps, _, *means in curve]
+
+    together = files(tmp_path / "together")
+    monkeypatch.setattr(train, "SB3VecEnv", one_by_one)
+    assert files(tmp_path / "one_by_one") == together
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
@@ -114,6 +133,7 @@ def test_resume_restores_weights_optimiser_and_buffer(tmp_path):
         ({"env_id": "BicycleStb-v0"}, "no settings file"),
         ({"env_keywords": "{"}, "env-keywords"),
         ({"env_keywords": '{"vehicel": 1}'}, "vehicle"),
+        ({"env_keywords": '{"render_mode": "human"}'}, "render_mode"),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, changes, text):
