@@ -41,7 +41,7 @@ lane-change: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.benchmark --env-id BicycleLaneChange-v0 --median-of-lqr 0.8 --worst-of-lqr 0.5
 
 room: $(VENV)/.installed-demo
-	$(BIN)/python -m agents.room --policy lqr mpc --json results/room.json
+	$(BIN)/python -m agents.room --json results/room.json
 
 benchmark: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/single_env.py --json results/single_env.json
