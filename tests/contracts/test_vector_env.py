@@ -200,7 +200,6 @@ def test_the_mirror_image_is_exact(combination):
 @pytest.mark.parametrize("combination", [row for row in COMBINATIONS if not row.varied], ids=lambda c: c.tire)
 def test_the_configuration_is_the_single_environments(combination):
     env, alone = make_many(combination), make_alone(combination, 0).env.unwrapped
-    assert env.configuration == alone.configuration
     assert (env.vehicle, env.speed, env.friction) == (alone.vehicle, alone.speed, alone.friction)
     assert np.array_equal(env.stability.eigenvalues, alone.stability.eigenvalues)
     assert np.array_equal(env.linear_model().A, alone.linear_model().A)
