@@ -7,6 +7,7 @@ flow through it. torch is handed in: it is imported when an environment is made,
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import FunctionType
 from typing import Any, NamedTuple
 
 from bicycle_env.envs.fleet import Fleet
@@ -40,6 +41,27 @@ class Episodes(NamedTuple):
         return (self.end != RUNNING) | self.timed_out
 
 
+class TorchKernels(NamedTuple):
+    """Pure functions of tensors for one fleet and one task."""
+
+    start: Callable[[Tensor], Episodes]
+    """``start(uniforms)``: random starts from numbers in [0, 1), (task.uniforms, num_envs)."""
+    step: Callable[[Episodes, Tensor], tuple[Episodes, Tensor]]
+    """``step(episodes, action) -> (episodes, reward)``, action (num_envs, axles).
+
+    A car whose action is not finite stays and ends; its reward is 0, the least there is; with the quadratic reward it
+    pays for all steps that are left.
+    """
+    restart: Callable[[Tensor, Tensor, Episodes], Episodes]
+    """``restart(rows, uniforms, episodes)``: random starts in the rows of a mask."""
+    look: Callable[[Episodes], tuple[Tensor, Tensor]]
+    """``look(episodes) -> (observation, cost)``: float32 (num_envs, entries), and (num_envs,)."""
+    measure: Callable[[Episodes], dict[str, Tensor]]
+    """Slip angles, forces, accelerations and the reference, by the names of the telemetry."""
+    car: Car
+    """Tensors of one number, or of one per car."""
+
+
 def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
     """A function of each tensor in nested named tuples, and of the values at the same place in the others."""
     if isinstance(tree, tuple):
@@ -53,85 +75,90 @@ def chosen(condition: Tensor, then: Any, otherwise: Any) -> Any:
     return mapped(lambda a, b: a.where(condition, b), then, otherwise)
 
 
-class TorchKernels:
-    """Pure functions of tensors for one fleet and one task; ``world`` holds what stays the same."""
+def torch_kernels(
+    torch: Any, fleet: Fleet, num_envs: int, device: Any, dtype: Any, step_limit: float, compiled: bool
+) -> TorchKernels:
+    """Bind the laws to torch; `step_limit`: control steps until the time-out."""
+    configuration = fleet.configuration
+    task, tire, geometry, rules = configuration.task, configuration.tire, configuration.geometry, configuration.rules
+    xp = array_namespace(torch)
 
-    def __init__(
-        self, torch: Any, fleet: Fleet, num_envs: int, device: Any, dtype: Any, step_limit: float, compiled: bool
-    ) -> None:
-        configuration = fleet.configuration
-        task, tire, geometry = configuration.task, configuration.tire, configuration.geometry
-        xp = array_namespace(torch)
-        self._torch, self._xp = torch, xp
-        self._num_envs = num_envs
-        self._step_limit = step_limit
-        self._steps_to_settle = configuration.steps_to_settle
-        self._pays_for_failure = configuration.reward == "quadratic"
+    def tensor(value: Any) -> Tensor:
+        return torch.tensor(value, dtype=dtype, device=device)
 
-        def tensor(value: Any) -> Tensor:
-            return torch.tensor(value, dtype=dtype, device=device)
+    car = Car(*map(tensor, fleet.car))
+    world = World(car, rules, type(fleet.settings)(*map(tensor, fleet.settings)))
+    scale = tensor(fleet.observation_scale)
+    bound = torch.tensor(configuration.observation_bound, device=device)
+    times = tensor(task.preview_times).unsqueeze(1)
+    pays_for_failure = configuration.reward == "quadratic"
+    begin, advance, finish = stages(xp, task, tire, geometry, configuration.reward)
+    start_law, reference_law, cost_law = task.start(xp), task.reference(xp), corner_outside(xp)
+    observe, preview = task.observe(xp), task.preview(xp)
+    axles_law, failure = axles(xp, tire, geometry), failure_cost(xp)
 
-        self.world = World(
-            Car(*map(tensor, fleet.car)), configuration.rules, type(fleet.settings)(*map(tensor, fleet.settings))
-        )
-        self._scale = tensor(fleet.observation_scale)
-        self._bound = torch.tensor(configuration.observation_bound, device=device)
-        self._times = tensor(task.preview_times).unsqueeze(1)
-        self._start = task.start(xp)
-        self._begin, self._advance, self._finish = stages(xp, task, tire, geometry, configuration.reward)
-        if compiled:  # one substep: the whole step, unrolled, would take the compiler minutes
-            self._advance = torch.compile(self._advance, fullgraph=True, dynamic=False, options=INDUCTOR)
-        self._observe, self._preview = task.observe(xp), task.preview(xp)
-        self._reference, self._cost = task.reference(xp), corner_outside(xp)
-        self._failure_cost = failure_cost(xp)
-        self._axles = axles(xp, tire, geometry)
-
-    def start(self, uniforms: Tensor) -> Episodes:
-        """Random starts from numbers in [0, 1): (task.uniforms, num_envs)."""
-        state, route = self._start(uniforms.unbind(), self.world)
+    def start(uniforms: Tensor) -> Episodes:
+        state, route = start_law(uniforms.unbind(), world)
         zero = 0.0 * state.heading
-        memory = Memory(zero, zero, zero, zero, mapped(lambda value: value.expand(self._num_envs), route))
-        running = zero.to(self._torch.int8)
+        memory = Memory(zero, zero, zero, zero, mapped(lambda value: value.expand(num_envs), route))
+        running = zero.to(torch.int8)
         return Episodes(state, memory, running, running != RUNNING)
 
-    def step(self, before: Episodes, action: Tensor) -> tuple[Episodes, Tensor]:
-        """``(episodes, reward)`` one control step later; a car whose action is not finite stays and ends.
+    def restart(rows: Tensor, uniforms: Tensor, episodes: Episodes) -> Episodes:
+        restarted: Episodes = chosen(rows, start(uniforms), episodes)
+        return restarted
 
-        It gets the reward 0, the least there is; with the quadratic reward it pays for all steps that are left.
-        """
-        finite = self._torch.isfinite(action).all(dim=1)
-        action = self._xp.minimum(self._xp.maximum(action.where(finite.unsqueeze(1), 0.0), -1.0), 1.0)
-        rules = self.world.rules
+    def prepare(before: Episodes, action: Tensor) -> tuple[Any, ...]:
+        finite = torch.isfinite(action).all(dim=1)
+        action = xp.minimum(xp.maximum(action.where(finite.unsqueeze(1), 0.0), -1.0), 1.0)
         steers = action.unbind(dim=1)
         pair = (steers[0] * rules.steers_front, steers[-1] * rules.steers_rear)
-        command, stage = self._begin(before.state, before.memory, pair, self.world)
-        state = before.state
-        for _ in range(int(rules.substeps)):
-            state = self._advance(state, command, self.world)
-        memory, reward, end, _ = self._finish(state, before.memory, pair, stage, self.world)
-        after = Episodes(state, memory, end.to(self._torch.int8), memory.steps >= self._step_limit)
+        return finite, pair, *begin(before.state, before.memory, pair, world)
+
+    def substep(state: CarState, command: tuple[Tensor, Tensor]) -> CarState:
+        advanced: CarState = advance(state, command, world)
+        return advanced
+
+    def conclude(
+        before: Episodes, state: CarState, finite: Tensor, pair: tuple[Tensor, Tensor], stage: Tensor
+    ) -> tuple[Episodes, Tensor]:
+        memory, reward, end, _ = finish(state, before.memory, pair, stage, world)
+        after = Episodes(state, memory, end.to(torch.int8), memory.steps >= step_limit)
         stopped = before._replace(end=INVALID_ACTION, timed_out=False)
-        forfeit = -self._failure_cost(before.memory.steps, self.world.car, rules) if self._pays_for_failure else 0.0
+        forfeit = -failure(before.memory.steps, car, rules) if pays_for_failure else 0.0
         return chosen(finite, after, stopped), reward.where(finite, forfeit)
 
-    def look(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
-        """``(observation, cost)``: float32 (num_envs, entries), and (num_envs,)."""
+    def look(episodes: Episodes) -> tuple[Tensor, Tensor]:
         state, memory = episodes.state, episodes.memory
-        values = self._torch.stack(self._observe(state, memory, self.world), dim=1)
-        if len(self._times):
-            ahead = self._preview(state, memory.route, self.world, self._times)  # (points, num_envs)
-            values = self._torch.cat((values, ahead.T), dim=1)
-        scaled = (values / self._scale).to(self._torch.float32)
-        observation = self._xp.minimum(self._xp.maximum(scaled, -self._bound), self._bound)
-        cost = self._cost(state, self._reference(state, memory.route, self.world), self.world)
-        return observation, cost
+        values = torch.stack(observe(state, memory, world), dim=1)
+        if len(times):
+            ahead = preview(state, memory.route, world, times)  # (points, num_envs)
+            values = torch.cat((values, ahead.T), dim=1)
+        scaled = (values / scale).to(torch.float32)
+        observation = xp.minimum(xp.maximum(scaled, -bound), bound)
+        return observation, cost_law(state, reference_law(state, memory.route, world), world)
 
-    def success(self, episodes: Episodes) -> Tensor:
-        """bool (num_envs,): running, and settled for the last second."""
-        return (episodes.memory.settled_steps >= self._steps_to_settle) & (episodes.end == RUNNING)
-
-    def measure(self, episodes: Episodes) -> dict[str, Tensor]:
-        """Slip angles, forces, accelerations and the reference, by the names of the telemetry."""
-        acting = self._axles(episodes.state, self.world.car)
-        reference = self._reference(episodes.state, episodes.memory.route, self.world)
+    def measure(episodes: Episodes) -> dict[str, Tensor]:
+        acting = axles_law(episodes.state, car)
+        reference = reference_law(episodes.state, episodes.memory.route, world)
         return {**acting._asdict(), **{f"reference_{name}": value for name, value in reference._asdict().items()}}
+
+    if compiled:  # one substep: the whole step, unrolled, would take the compiler minutes
+        restart, prepare, substep, conclude, look = (
+            _compiled(torch, law) for law in (restart, prepare, substep, conclude, look)
+        )
+
+    def step(before: Episodes, action: Tensor) -> tuple[Episodes, Tensor]:
+        finite, pair, command, stage = prepare(before, action)
+        state = before.state
+        for _ in range(int(rules.substeps)):
+            state = substep(state, command)
+        return conclude(before, state, finite, pair, stage)
+
+    return TorchKernels(start, step, restart, look, measure, car)
+
+
+def _compiled(torch: Any, law: Any) -> Any:
+    # torch keeps a few compiled versions per code object and then refuses: each environment has a code object.
+    own = FunctionType(law.__code__.replace(), law.__globals__, law.__name__, law.__defaults__, law.__closure__)
+    return torch.compile(own, fullgraph=True, dynamic=False, options=INDUCTOR)

@@ -31,9 +31,9 @@ class TorchOptions:
                 column = self._column(f"{label}[{name!r}]", value)
                 if column is not None:
                     columns[name] = column
-            least = {**given, **{name: float(column.min()) for name, column in columns.items()}}
+            least = {**given, **{name: float(column.detach().min()) for name, column in columns.items()}}
             checked_state(least, self._front_limit, self._rear_limit, label)
-            given = {**given, **{name: float(column.max()) for name, column in columns.items()}}
+            given = {**given, **{name: float(column.detach().max()) for name, column in columns.items()}}
         values = checked_state(given, self._front_limit, self._rear_limit, label)
         return {name: columns[name] if name in columns else self.filled(value) for name, value in values.items()}
 
@@ -42,7 +42,7 @@ class TorchOptions:
         column = self._column(name, value)
         if column is None:
             return self.filled(number(name, value, low))
-        for end in (column.min(), column.max()):
+        for end in (column.detach().min(), column.detach().max()):
             number(name, float(end), low)
         return column
 

@@ -17,10 +17,11 @@ from gymnasium.vector.utils import batch_space
 from bicycle_env.envs.fleet import PER_CAR, ConfiguredFleet, registered_fleet
 from bicycle_env.envs.single_track_env import SingleTrackEnv
 from bicycle_env.envs.telemetry import telemetry as telemetry_of
-from bicycle_env.envs.torch_kernels import Episodes, Tensor, TorchKernels, chosen, mapped
+from bicycle_env.envs.torch_kernels import Episodes, Tensor, chosen, mapped, torch_kernels
 from bicycle_env.envs.torch_options import TorchOptions
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, flag, known_keys, whole
+from bicycle_env.tasks.ends import RUNNING
 
 DTYPES = ("float64", "float32")
 ON_INVALID = ("terminate", "raise")
@@ -64,8 +65,8 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             its end is "invalid_action", its reward 0 (quadratic: all steps that are left are paid for). "raise"
             raises ValueError before anything changes; to know, the host must wait for the device in every step.
         telemetry: more in ``info``, as the single environment's.
-        compile: compile the RK4 substep with torch.compile, about ten times faster; the first step then takes a
-            minute. Needs a C++ compiler on the CPU, Triton on a GPU.
+        compile: compile the RK4 substep, and what comes before and after the substeps, with torch.compile: many times
+            faster, after a minute in the first steps. Needs a C++ compiler on the CPU, Triton on a GPU.
         **env_keywords: as of the single environment, without ``render_mode``; ``vehicle``, ``speed``, ``speed_ratio``
             and ``friction`` take one value or a sequence or tensor of num_envs of them.
 
@@ -120,7 +121,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self._torch = torch
         step_limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
         tensors = (torch, self.fleet, self.num_envs, self.device, self.dtype)
-        self._kernels = TorchKernels(*tensors, step_limit, flag("compile", compile))
+        self._kernels = torch_kernels(*tensors, step_limit, flag("compile", compile))
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
         self._options = TorchOptions(torch, self.num_envs, self.device, self.dtype, *limits)
         self._episodes: Episodes | None = None
@@ -164,11 +165,11 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self.task.route_with(self.task.Route(*([0.0] * len(self.task.Route._fields))), given, 1.0)
         if seed is not None:
             self._generator.manual_seed(seed)
-        fresh = self._with_route(self._with_state(self._started(), values), given)
+        fresh = self._with_route(self._with_state(self._kernels.start(self._uniforms()), values), given)
         if self.staggered_start and self._episodes is None and self.max_episode_steps is not None:
             steps = self._torch.arange(self.num_envs, device=self.device) * self.max_episode_steps // self.num_envs
             fresh = fresh._replace(memory=fresh.memory._replace(steps=steps.to(self.dtype)))
-        self._episodes = fresh if kept is None else chosen(mask, fresh, kept)
+        self._keep(fresh if kept is None else chosen(mask, fresh, kept))
         return self._look()
 
     def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
@@ -191,7 +192,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             over = after.over
             self._episodes = after
             final_observation, final_info = self._look()
-            self._episodes = chosen(over, self._started(), after)
+            self._episodes = self._kernels.restart(over, self._uniforms(), after)
             observation, info = self._look()
             info |= {
                 "final_obs": final_observation,
@@ -200,10 +201,13 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
                 "_final_info": over.clone(),
             }
             return observation, reward, after.end > 0, after.timed_out, info
-        instead = self._started() if self.autoreset_mode is AutoresetMode.NEXT_STEP else before
-        self._episodes = chosen(before.over, instead, after)
+        over = before.over
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            self._episodes = self._kernels.restart(over, self._uniforms(), after)
+        else:
+            self._episodes = chosen(over, before, after)
         observation, info = self._look()
-        reward = reward.where(before.over.logical_not(), 0.0)
+        reward = reward.where(over.logical_not(), 0.0)
         return observation, reward, self._episodes.end > 0, self._episodes.timed_out.clone(), info
 
     # What else a user may ask
@@ -244,13 +248,13 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         nothing = self._torch.zeros_like
         memory = memory._replace(settled_steps=nothing(memory.settled_steps))
         running = Episodes(episodes.state, memory, nothing(episodes.end), nothing(episodes.timed_out))
-        self._episodes = self._with_state(running, {name: values[name] for name in values if name in state})
+        self._keep(self._with_state(running, {name: values[name] for name in values if name in state}))
         return self._look()
 
     @property
     def is_success(self) -> Tensor:
         """bool (num_envs,): running, and settled for the last second; at a time-out, a success."""
-        return self._kernels.success(self._begun("is_success"))
+        return self._success(self._begun("is_success"))
 
     def measure(self) -> dict[str, Tensor]:
         """Slip angles, forces, accelerations and the reference in the present state, by the names of the telemetry."""
@@ -267,7 +271,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             raise TypeError(
                 f"snapshot must come from snapshot() with num_envs = {self.num_envs}, got {type(snapshot)!r}"
             )
-        self._episodes = mapped(lambda value: value.clone(), snapshot.episodes)
+        self._keep(snapshot.episodes)
         self._generator.set_state(snapshot.generator)
         return self._look()
 
@@ -282,17 +286,23 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             raise gym.error.ResetNeeded(f"call reset() before {asked}")
         return self._episodes
 
-    def _started(self) -> Episodes:
+    def _keep(self, episodes: Episodes) -> None:
+        """Each number in a tensor of its own: compiled code is compiled again for tensors that share memory."""
+        self._episodes = mapped(lambda value: value.clone(), episodes)
+
+    def _uniforms(self) -> Tensor:
         shape = (self.task.uniforms, self.num_envs)
-        uniforms = self._torch.rand(shape, generator=self._generator, dtype=self.dtype, device=self.device)
-        return self._kernels.start(uniforms)
+        return self._torch.rand(shape, generator=self._generator, dtype=self.dtype, device=self.device)
+
+    def _success(self, episodes: Episodes) -> Tensor:
+        return (episodes.memory.settled_steps >= self.configuration.steps_to_settle) & (episodes.end == RUNNING)
 
     def _look(self) -> tuple[Tensor, dict[str, Any]]:
         episodes = self._begun("observing")
         observation, cost = self._kernels.look(episodes)
-        info = {"end": episodes.end.clone(), "cost": cost, "is_success": self._kernels.success(episodes)}
+        info = {"end": episodes.end.clone(), "cost": cost, "is_success": self._success(episodes)}
         if self.telemetry:
-            info = {**telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.world.car), **info}
+            info = {**telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.car), **info}
         return observation, info
 
     def _with_state(self, episodes: Episodes, values: Mapping[str, Tensor]) -> Episodes:
@@ -301,7 +311,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         return episodes._replace(state=episodes.state._replace(**state), memory=episodes.memory._replace(**commands))
 
     def _with_route(self, episodes: Episodes, options: Mapping[str, Any]) -> Episodes:
-        route = self.task.route_with(episodes.memory.route, options, self._kernels.world.car.speed)
+        route = self.task.route_with(episodes.memory.route, options, self._kernels.car.speed)
         route = mapped(self._options.filled, route)
         return episodes._replace(memory=episodes.memory._replace(route=route))
 

@@ -1,0 +1,206 @@
+"""The torch environment on its device: nothing waits for the host, gradients flow, the compiler agrees."""
+
+import itertools
+import shutil
+import subprocess
+import sys
+
+import pytest
+import torch
+from torch._subclasses.fake_tensor import DataDependentOutputException, FakeTensorMode
+from torch_cases import CARS, IDS, LANE, MODES, STAB, STILL, assert_near, quick, random_actions, random_states, zeros
+
+from bicycle_env import Actuator
+from bicycle_env.envs import TorchVectorEnv
+
+# On the device, without waiting for it
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("env_id", IDS)
+def test_a_step_reads_nothing_on_the_host(env_id, mode):
+    """Fake tensors have no values: whatever asks for one raises."""
+    envs = quick(env_id=env_id, autoreset_mode=mode, telemetry=True)
+    envs.reset(seed=0)
+    with FakeTensorMode(allow_non_fake_inputs=True):
+        observation, reward, *_ = envs.step(zeros(envs))
+        envs.reset()
+    assert (observation.shape, reward.shape) == (envs.observation_space.shape, (4,))
+
+
+def test_the_test_above_can_fail():
+    envs = quick(on_invalid="raise")
+    envs.reset(seed=0)
+    with pytest.raises(DataDependentOutputException), FakeTensorMode(allow_non_fake_inputs=True):
+        envs.step(zeros(envs))
+
+
+class HostGenerator(torch.Generator):
+    """torch makes no generator of a device that it does not have."""
+
+    def __new__(cls, device=None):
+        return super().__new__(cls)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "mode", "tire"),
+    [
+        (STAB, "SameStep", "fiala"),
+        (LANE, "NextStep", "linear"),
+        (LANE, "SameStep", "linear"),
+        (STAB, "Disabled", "tanh"),
+    ],
+)
+def test_all_is_on_the_device(env_id, mode, tire, monkeypatch):
+    """Fake CUDA tensors refuse to meet one on the host, and need no GPU."""
+    monkeypatch.setattr(torch, "Generator", HostGenerator)
+    with FakeTensorMode(allow_non_fake_inputs=True):
+        cars = {"tire": tire, "friction": [1.0, 0.5, 1.0, 1.0]}
+        envs = TorchVectorEnv(env_id, 4, device="cuda", autoreset_mode=mode, telemetry=True, **cars)
+        assert str(envs.device) == "cuda:0"
+        observation, info = envs.reset(seed=0, options={"state": {"yaw_rate": 0.1}})
+        results = envs.step(torch.zeros(4, 2, device="cuda"))
+        everything = [observation, *info.values(), *results[:4], *results[4].values(), *envs.state]
+        everything += envs.measure().values()
+        tensors = [one for value in everything for one in (value.values() if isinstance(value, dict) else [value])]
+        assert {str(tensor.device) for tensor in tensors} == {"cuda:0"}
+        with pytest.raises(ValueError, match="action must be on cuda:0, got one on cpu"):
+            envs.step(torch.zeros(4, 2))
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+@pytest.mark.parametrize("mode", MODES)
+def test_a_gpu_drives_the_same_and_is_not_waited_for(mode):
+    states, actions = random_states(), torch.from_numpy(random_actions())
+    on_host, on_gpu = (
+        TorchVectorEnv(LANE, CARS, device=device, autoreset_mode="Disabled") for device in ("cpu", "cuda")
+    )
+    for envs in (on_host, on_gpu):
+        envs.reset(options={"state": states, "direction": "left", "change_start": 0.5})
+    expected, seen = on_host.step(actions), on_gpu.step(actions.cuda())
+    assert_near(seen[1].cpu(), expected[1])
+    assert torch.equal(seen[4]["end"].cpu(), expected[4]["end"])
+    envs = TorchVectorEnv(STAB, 64, device="cuda", autoreset_mode=mode)
+    envs.reset(seed=0)
+    actions = torch.rand(64, 2, device="cuda")
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        envs.step(actions)
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+
+
+# Gradients
+
+
+@pytest.mark.parametrize("reward", ["default", "quadratic"])
+@pytest.mark.parametrize("env_id", IDS)
+def test_the_reward_has_the_gradient_of_its_finite_differences(env_id, reward):
+    """Through two steps, so through the state, too; small states, far from where clips and limits have corners."""
+    states = {name: 0.05 * column[:2] for name, column in random_states().items()}
+    states |= dict.fromkeys(("front_steer_command", "rear_steer_command"), 0.0)
+    if env_id == LANE:
+        states |= {"direction": 1.0, "change_start": -20.0}
+    envs = TorchVectorEnv(env_id, 2, reward=reward, rear_actuator=Actuator(angle_limit=0.05))
+    envs.reset(seed=0)
+
+    def gained(actions):
+        envs.set_state(states)
+        return sum(envs.step(action)[1].sum() for action in actions)
+
+    numbers = torch.rand(2, 2, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    actions = (0.1 * numbers).requires_grad_()
+    (slope,) = torch.autograd.grad(gained(actions), actions)
+    width = 1e-5
+    with torch.no_grad():
+        for place in itertools.product(range(2), repeat=3):
+            nudge = torch.zeros_like(actions)
+            nudge[place] = width
+            measured = (gained(actions + nudge) - gained(actions - nudge)) / (2.0 * width)
+            assert slope[place].item() == pytest.approx(measured.item(), rel=1e-5, abs=1e-8)
+    assert (slope[0].abs() > 1e-6).all()
+
+
+def test_gradients_are_finite_from_any_state_and_stop_at_the_end_of_an_episode():
+    envs = TorchVectorEnv(STAB, CARS)
+    envs.reset(seed=0)
+    envs.set_state(random_states())
+    actions = torch.from_numpy(random_actions()).requires_grad_()
+    *_, info = envs.step(actions)
+    over = info["_final_obs"]
+    assert over.any()
+    assert not over.all()
+    observation, *_ = envs.step(zeros(envs))
+    (slope,) = torch.autograd.grad(observation.sum(), actions)
+    assert slope.isfinite().all()
+    assert (slope[over] == 0.0).all()
+    assert (slope[~over] != 0.0).any(), "elsewhere the actions count, unless they saturate"
+
+
+def test_detach_forgets_how_the_state_came_about():
+    envs = quick()
+    envs.reset(seed=0)
+    actions = zeros(envs).requires_grad_()
+    observation, *_ = envs.step(actions)
+    assert observation.requires_grad
+    assert envs.step(zeros(envs))[0].requires_grad
+    envs.detach()
+    assert not envs.step(zeros(envs))[0].requires_grad
+
+
+def test_given_states_may_require_gradients():
+    envs = quick()
+    envs.reset(seed=0)
+    yaw_rate = torch.full((4,), 0.1, dtype=torch.float64, requires_grad=True)
+    envs.set_state({**STILL, "yaw_rate": yaw_rate})
+    (slope,) = torch.autograd.grad(envs.step(zeros(envs))[1].sum(), yaw_rate)
+    assert (slope < 0.0).all(), "turning costs reward"
+
+
+# The compiler
+
+
+@pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler")
+@pytest.mark.filterwarnings("ignore")  # the compiler's own
+def test_compiled_cars_drive_the_same_and_compile_once():
+    plain, compiled = (quick(CARS, compile=compile, autoreset_mode="Disabled") for compile in (False, True))
+    actions = torch.from_numpy(random_actions())
+    with torch.no_grad():
+        for envs in (plain, compiled):
+            envs.reset(seed=0)
+            envs.step(actions)
+        with torch._dynamo.config.patch(error_on_recompile=True):
+            for envs in (plain, compiled):
+                envs.reset(options={"state": random_states()})
+                envs.set_state({"heading": 0.1})
+            results, expected = compiled.step(actions), plain.step(actions)
+    assert_near(results[1], expected[1].numpy())
+    assert results[4]["end"].tolist() == expected[4]["end"].tolist()
+    for column, other in zip(compiled.state, plain.state, strict=True):
+        assert_near(column, other.numpy())
+
+
+# Imports
+
+
+def test_the_ids_module_is_imported_first():
+    program = (
+        "from bicycle_env.envs import TorchVectorEnv; print(TorchVectorEnv('bicycle_env:BicycleStab-v0', 2).spec.id)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == STAB
+
+
+def test_torch_is_imported_when_it_is_used_and_missed_in_one_line():
+    program = (
+        "import sys\n"
+        "from bicycle_env.envs import TorchVectorEnv\n"
+        "print('torch' in sys.modules)\n"
+        "sys.modules['torch'] = None\n"
+        "try:\n"
+        "    TorchVectorEnv('BicycleStab-v0', 2)\n"
+        "except ImportError as error:\n"
+        "    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["False", 'TorchVectorEnv needs torch: pip install "bicycle-env[agents]"']
