@@ -194,21 +194,22 @@ def _map(
     cars = [changed(float(value)) for value in shares]
     growth = np.array([[np.max(eigenvalues(car, float(u)).real) for car in cars] for u in speeds])
     percent = 100.0 * shares
-    axes.contourf(percent, speeds, growth, levels=[0.0, np.inf], colors=[GREY], alpha=0.35)
-    axes.fill_between([], [], color=GREY, alpha=0.35, label="unstable; lines: time in which a deviation doubles")
+    dress(axes, xlim=(percent[0], percent[-1]), ylim=(0.0, speeds[-1]))  # labels of contours turn with the scales
+    fine = np.linspace(low, high, 2001)  # near the neutral line the critical speed rises steeply
+    limit = np.minimum([critical_speed(changed(float(value))) for value in fine], 1e4)
+    unstable = "unstable; lines: time in which a deviation doubles"
+    axes.fill_between(100.0 * fine, limit, 1e4, color=GREY, alpha=0.35, linewidth=0, label=unstable)
     for doubling, height in ((2.0, 0.5), (1.0, 0.86), (0.5, 0.79), (0.25, 0.72)):
         level = math.log(2.0) / doubling
         line = axes.contour(percent, speeds, growth, levels=[level], colors=BLACK, linewidths=0.8)
-        row = round(height * (len(speeds) - 1))
-        crossed = np.flatnonzero(np.diff(np.sign(growth[row] - level)))
-        if crossed.size:
-            place = [(percent[crossed[0]], speeds[row])]
-            axes.clabel(line, fmt=f"doubles in {doubling:g} s", fontsize=8, manual=place)
-    limit = np.array([critical_speed(car) for car in cars])
-    axes.plot(percent, limit, color=RED, linewidth=2, label="critical speed (6.17)")
+        for row in (round(h * (len(speeds) - 1)) for h in (height, 0.9, 0.6, 0.4)):
+            (crossed,) = np.nonzero(np.diff(np.sign(growth[row] - level)))
+            if crossed.size and 7 < crossed[0] < len(percent) - 8:  # else the label would be cut off
+                axes.clabel(line, fmt=f"{doubling:g} s", fontsize=8, manual=[(percent[crossed[0]], speeds[row])])
+                break
+    axes.plot(100.0 * fine, limit, color=RED, linewidth=2, label="critical speed (6.17)")
     axes.axvline(100.0 * neutral, color=BLUE, linestyle="--", label="neutral steer (a Cf = b Cr)")
     axes.plot(100.0 * share, speed, label="this car at this speed", **HERE)
-    dress(axes, xlim=(percent[0], percent[-1]), ylim=(0.0, speeds[-1]))
     at_right = static_margin(cars[-1]) > 0.0
     for word, right in (("oversteer", at_right), ("understeer", not at_right)):
         axes.text(0.98 if right else 0.02, 0.02, word, transform=axes.transAxes, ha="right" if right else "left")
