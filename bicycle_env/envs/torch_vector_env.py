@@ -103,7 +103,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self.autoreset_mode = AUTORESET_MODES[choice("autoreset_mode", word, AUTORESET_MODES)]
         self.metadata = {**SingleTrackEnv.metadata, "render_modes": [], "autoreset_mode": self.autoreset_mode}
         steps = self.spec.max_episode_steps if max_episode_steps is None else max_episode_steps
-        self.max_episode_steps = None if steps == -1 else whole("max_episode_steps", steps)
+        self.max_episode_steps = None if steps in (None, -1) else whole("max_episode_steps", steps)
         self.staggered_start = flag("staggered_start", staggered_start)
         self.on_invalid = choice("on_invalid", on_invalid, ON_INVALID)
         self.telemetry = flag("telemetry", telemetry)
@@ -221,7 +221,9 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         return mapped(lambda value: value.clone(), values)
 
     def set_state(self, state: Mapping[str, Any]) -> tuple[Tensor, dict[str, Any]]:
-        """Put the cars, all running, into given states; values not given stay. No random number is drawn.
+        """Put the cars, all running and none yet settled, into given states; values not given stay.
+
+        No random number is drawn.
 
         Args:
             state: names of ``state`` to one number or num_envs of them, SI units.
@@ -267,9 +269,14 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
 
     def restore(self, snapshot: TorchSnapshot) -> tuple[Tensor, dict[str, Any]]:
         """Return to a snapshot of this or of an equally made environment; gives observation and info there."""
-        if not isinstance(snapshot, TorchSnapshot) or snapshot.episodes.end.shape != (self.num_envs,):
-            raise TypeError(
-                f"snapshot must come from snapshot() with num_envs = {self.num_envs}, got {type(snapshot)!r}"
+        if not isinstance(snapshot, TorchSnapshot):
+            raise TypeError(f"snapshot must come from snapshot(), got {type(snapshot)!r}")
+        numbers = snapshot.episodes.state.heading
+        found = (snapshot.episodes.memory.route._fields, tuple(numbers.shape), numbers.dtype, numbers.device)
+        if found != (self.task.Route._fields, (self.num_envs,), self.dtype, self.device):
+            raise ValueError(
+                f"snapshot must be of {self.num_envs} cars in {self.dtype} on {self.device}, of the same task, "
+                f"got one of {numbers.numel()} in {numbers.dtype} on {numbers.device}"
             )
         self._keep(snapshot.episodes)
         self._generator.set_state(snapshot.generator)
@@ -330,7 +337,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             if bool(bad.any()):
                 row = int(bad.nonzero()[0])
                 raise ValueError(
-                    f"action must be finite numbers, nominally in [-1, 1], got {action[row]} for car {row}"
+                    f"action must be finite numbers, nominally in [-1, 1], got {action[row].tolist()} for car {row}"
                 )
         return action
 

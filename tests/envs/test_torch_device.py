@@ -174,6 +174,9 @@ def test_compiled_cars_drive_the_same_and_compile_once():
                 envs.reset(options={"state": random_states()})
                 envs.set_state({"heading": 0.1})
             results, expected = compiled.step(actions), plain.step(actions)
+            other = quick(CARS, compile=True, autoreset_mode="Disabled", friction=0.9)
+            other.reset(seed=0)
+            other.step(actions)
     assert_near(results[1], expected[1].numpy())
     assert results[4]["end"].tolist() == expected[4]["end"].tolist()
     for column, other in zip(compiled.state, plain.state, strict=True):

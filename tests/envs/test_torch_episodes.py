@@ -229,8 +229,11 @@ def test_a_snapshot_continues_to_the_bit():
     assert_same_bits([envs.step(action) for action in actions], first)
     twin.restore(snapshot)
     assert_same_bits([twin.step(action) for action in actions], first)
-    with pytest.raises(TypeError, match=r"snapshot must come from snapshot\(\) with num_envs = 4"):
-        quick().restore(snapshot)
+    with pytest.raises(TypeError, match=r"snapshot must come from snapshot\(\), got <class 'tuple'>"):
+        envs.restore(tuple(snapshot))
+    for other in (quick(4), quick(6, dtype="float32"), quick(6, env_id=LANE)):
+        with pytest.raises(ValueError, match=r"snapshot must be of \d cars in .* got one of 6 in torch.float64"):
+            other.restore(snapshot)
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -245,7 +248,7 @@ def test_what_is_returned_belongs_to_the_caller(mode):
     everything += [column for part in envs.snapshot().episodes[:2] for column in part if not isinstance(column, tuple)]
     for value in everything:
         for tensor in value.values() if isinstance(value, dict) else [value]:
-            tensor.zero_()
+            tensor.fill_(1)
     envs._checked_action(actions, envs._episodes).add_(1.0)
     assert_same_bits(envs.step(torch.ones(4, 2)), twin.step(torch.ones(4, 2)))
     assert expected[1].all()
@@ -261,6 +264,7 @@ BAD_KEYWORDS = [
     ({"env_id": "CartPole-v1"}, ValueError, "env_id must be of a single-track environment, got 'CartPole-v1'"),
     ({"env_id": 3}, TypeError, "env_id must be the id of a registered environment, got 3"),
     ({"device": "gpu"}, ValueError, "device must be one that torch can use here, got 'gpu'"),
+    ({"device": "xla"}, ValueError, "device must be one that torch can use here, got 'xla'"),
     ({"device": 1.5}, ValueError, "device must be one that torch can use here, got 1.5"),
     ({"dtype": "float16"}, ValueError, "dtype must be one of 'float64', 'float32', got 'float16'"),
     ({"dtype": torch.int64}, ValueError, "dtype must be one of 'float64', 'float32', got 'int64'"),
