@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test lint lane-change room benchmark benchmark-vector gymnasium-versions clean
+.PHONY: help demo test lint lane-change room benchmark benchmark-vector compat gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: results/demo.json and results/demo/*.png"
@@ -15,6 +15,7 @@ help:
 	@echo "make room                what could be saved beside what controllers save: results/room.json, .png"
 	@echo "make benchmark           speed beside CartPole and highway-env: results/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: results/vector_env.json (needs gcc)"
+	@echo "make compat              Stable-Baselines3, RLlib, TorchRL, Minari, ...: results/compat.json (installs 6 GB)"
 	@echo "make gymnasium-versions  contract checks on gymnasium $(GYMNASIUM_VERSIONS)"
 
 $(VENV)/bin/python:
@@ -50,6 +51,9 @@ benchmark-vector: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/vector_env.py --most 1000000 --json results/vector_env.json
 	$(BIN)/python benchmarks/picture.py
 
+compat: $(VENV)/.installed-test
+	$(BIN)/python tools/compat.py
+
 gymnasium-versions:
 	@for version in $(GYMNASIUM_VERSIONS); do \
 		echo "== gymnasium $$version"; \
@@ -61,4 +65,4 @@ gymnasium-versions:
 	done
 
 clean:
-	rm -rf $(VENV) .venv-gymnasium-* build dist *.egg-info
+	rm -rf $(VENV) .venv-gymnasium-* .venv-compat-* build dist *.egg-info
