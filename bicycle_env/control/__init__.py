@@ -6,6 +6,7 @@ from bicycle_env.control.driver import DRIVERS
 from bicycle_env.control.four_wheel_steer import REAR_LAWS, DriverAndLaw
 from bicycle_env.control.lqg import LQG
 from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, Weights
+from bicycle_env.control.mpc import MPC
 from bicycle_env.control.network import Network, load
 from bicycle_env.control.pole_placement import PolePlacement
 from bicycle_env.control.policy import Plant, Policy, Zero
@@ -15,6 +16,7 @@ __all__ = [
     "DRIVERS",
     "LQG",
     "LQR",
+    "MPC",
     "NAMES",
     "POLICIES",
     "REAR_LAWS",

@@ -9,13 +9,22 @@ from bicycle_env.control.driver import DRIVERS
 from bicycle_env.control.four_wheel_steer import COMBINATIONS, REAR_LAWS, driver_and_law
 from bicycle_env.control.lqg import LQG
 from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR
+from bicycle_env.control.mpc import MPC
 from bicycle_env.control.pole_placement import PolePlacement
 from bicycle_env.control.policy import Plant, Policy, Zero
 from bicycle_env.physics.validation import choice
 
-POLICIES: dict[str, Any] = {
-    policy.name: policy for policy in (Zero, LQR, ContinuousLQR, ScheduledLQR, PolePlacement, LQG, *DRIVERS.values())
-}
+CLASSES: tuple[type[Policy], ...] = (
+    Zero,
+    LQR,
+    ContinuousLQR,
+    ScheduledLQR,
+    PolePlacement,
+    LQG,
+    MPC,
+    *DRIVERS.values(),
+)
+POLICIES: dict[str, Any] = {policy.name: policy for policy in CLASSES}
 """Name -> class of the controllers that are made from an environment alone."""
 
 NAMES = (*POLICIES, *COMBINATIONS)

@@ -19,8 +19,9 @@ from bicycle_env.envs import blocks
 from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, store
 from bicycle_env.envs.draws import next_double
 from bicycle_env.physics import compiled
-from bicycle_env.physics.single_track import axles
+from bicycle_env.physics.single_track import Axles, axles
 from bicycle_env.tasks.ends import corner_outside
+from bicycle_env.tasks.task import Reference
 from bicycle_env.tasks.transition import stages
 
 BAD_ACTION = -1
@@ -47,7 +48,7 @@ class Kernels(NamedTuple):
     look: Callable[..., None]
     """``look(numbers, mask, observation, values)``: observation and cost of the rows in the mask as they are."""
     measure: Callable[..., None]
-    """``measure(numbers, out)``: (len(telemetry.MEASURED), n)."""
+    """``measure(numbers, out)``: (n, len(telemetry.MEASURED))."""
 
 
 def number_type(kind: Kind) -> Any:
@@ -261,19 +262,17 @@ def _measure(kind: Kind) -> Any:
     block_size = layout(kind).width * length
     axles_law = xp.function(axles(xp, kind.tire, kind.geometry))
     reference_law = xp.function(kind.task_class().reference(xp))
+    keep_acting = store(xp, len(Axles._fields), 0, 1)
+    keep_reference = store(xp, len(Reference._fields), len(Axles._fields), 1)
 
     def measure(numbers: Any, out: Any) -> None:
         world, rows = split(numbers)
         shared = access.shared(world)
-        for row in range(out.shape[1]):
+        for row in range(len(out)):
             block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
             state, mine = access.state(block, k), access.world(block, k, shared)
-            acting = axles_law(state, mine.car)
-            reference = reference_law(state, access.route(block, k), mine)
-            for j in range(len(acting)):
-                out[j, row] = acting[j]
-            for j in range(len(reference)):
-                out[len(acting) + j, row] = reference[j]
+            keep_acting(out[row], 0, axles_law(state, mine.car))
+            keep_reference(out[row], 0, reference_law(state, access.route(block, k), mine))
 
     return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)
 

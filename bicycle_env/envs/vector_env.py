@@ -271,9 +271,9 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     def measure(self) -> dict[str, NDArray[np.float64]]:
         """Slip angles, forces, accelerations and the reference in the present states, (num_envs,) each."""
-        out = np.empty((len(MEASURED), self.num_envs))
+        out = np.empty((self.num_envs, len(MEASURED)))
         self._kernels.measure(self._numbers, out)
-        return dict(zip(MEASURED, out, strict=True))
+        return dict(zip(MEASURED, np.ascontiguousarray(out.T), strict=True))
 
     def snapshot(self) -> VectorSnapshot:
         """The whole state of all rows, random generators included; ResetNeeded before the first reset."""

@@ -43,26 +43,32 @@ def _choose(condition: Any, then: Any, otherwise: Any) -> Any:
 NUMBA: elementary.Namespace = elementary.namespace("numba", _choose, np.floor, inlined)
 
 
-def _single(value: Any) -> Any:
-    """A constant in single precision: numba would compute float32 x 0.5 in float64."""
+def _single(value: Any, names: tuple[str, ...] = ()) -> Any:
+    """A constant in single precision: numba would compute float32 x 0.5 in float64. `names`: read from modules."""
     if isinstance(value, float):
         return np.float32(value)
     if isinstance(value, tuple) and any(isinstance(part, float) for part in value):
         return tuple(_single(part) for part in value)
+    if isinstance(value, ModuleType) and any(isinstance(getattr(value, name, None), float) for name in names):
+        module = ModuleType(f"{value.__name__} in single precision")  # np.pi, math.pi
+        vars(module).update({name: _single(getattr(value, name)) for name in names if hasattr(value, name)})
+        return module
     return value
 
 
 def in_single_precision(law: Callable[..., Any]) -> Any:
-    """The same law with all its constants, literal, global and enclosed, as float32; inlined."""
+    """The same law with its floats, literal, global, enclosed, default and in modules, as float32; inlined."""
     if isinstance(law, Dispatcher):
         return law
     function: Any = law
     code = function.__code__
-    known = function.__globals__
-    scope = {**known, **{name: _single(known[name]) for name in code.co_names if name in known}}
-    cells = tuple(CellType(_single(cell.cell_contents)) for cell in function.__closure__ or ())
+    known, names = function.__globals__, code.co_names
+    scope = {**known, **{name: _single(known[name], names) for name in names if name in known}}
+    cells = tuple(CellType(_single(cell.cell_contents, names)) for cell in function.__closure__ or ())
     code = code.replace(co_consts=tuple(_single(value) for value in code.co_consts))
-    return inlined(FunctionType(code, scope, function.__name__, function.__defaults__, cells or None))
+    single = FunctionType(code, scope, function.__name__, _single(function.__defaults__), cells or None)
+    single.__kwdefaults__ = {name: _single(value) for name, value in (function.__kwdefaults__ or {}).items()}
+    return inlined(single)
 
 
 NUMBA_FLOAT32: elementary.Namespace = elementary.namespace("numba_float32", _choose, np.floor, in_single_precision)

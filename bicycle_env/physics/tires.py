@@ -27,7 +27,10 @@ class Tire(abc.ABC):
 
     @abc.abstractmethod
     def law(self, xp: Any) -> Law:
-        """The law as a function ``(slip_angle, cornering_stiffness, peak_force)`` written in the namespace xp."""
+        """The law as a function ``(slip_angle, cornering_stiffness, peak_force)`` written in the namespace xp.
+
+        Write constants as floats: with ``2`` in place of ``2.0``, compiled code computes in double precision.
+        """
 
     def lateral_force(self, slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
         """Lateral force [N], negative for positive slip.

@@ -11,7 +11,8 @@ import torch
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 import bicycle_env
-from bicycle_env import simulate, tires, vehicles
+from bicycle_env import analysis, simulate, tires, vehicles
+from bicycle_env.envs import TorchVectorEnv
 from bicycle_env.physics import compiled
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import NUMPY, PYTHON, array_namespace
@@ -213,6 +214,50 @@ def test_a_fifth_law_drives_the_environment(arctangent):
             state = advance(state, *[(0.5 * FRONT.angle_limit, 0.0)] * 3, CAR, TIMESTEP)
         env.step(np.array([0.5, 0.0], dtype=np.float32))
     assert distance(np.array(env.state[:FIELDS]), np.array(state, dtype=float)) <= 1e-13
+
+
+def test_a_fifth_law_drives_many_cars(arctangent):
+    """Row by row the bits of the single environment, close to it in single precision, and the same on tensors."""
+    given = {"num_envs": 8, "tire": "arctangent", "autoreset_mode": "Disabled"}
+    double, single = (gym.make_vec("BicycleStab-v0", **given, dtype=dtype) for dtype in ("float64", "float32"))
+    tensors = TorchVectorEnv("BicycleStab-v0", **given)
+    alone = [gym.make("BicycleStab-v0", tire="arctangent").unwrapped for _ in range(8)]
+    double.reset(seed=4)
+    starts = {name: values for name, values in double.state._asdict().items() if name != "time"}
+    for env in (single, tensors):
+        env.reset(options={"state": starts})
+    for row, env in enumerate(alone):
+        env.reset(seed=4 + row)
+    for k in range(30):
+        actions = np.column_stack([np.sin(0.3 * k + np.arange(8)), np.cos(0.2 * k + np.arange(8))]).astype(np.float32)
+        observation, reward, terminated, _, _ = double.step(actions)
+        assert not terminated.any()
+        for row, env in enumerate(alone):
+            expected = env.step(actions[row])
+            assert (observation[row].tobytes(), reward[row]) == (expected[0].tobytes(), expected[1])
+        np.testing.assert_allclose(single.step(actions)[0], observation, rtol=0.0, atol=1e-4)
+        tensors.step(torch.from_numpy(actions))
+    assert distance(np.array(tensors.state), np.array(double.state)) <= 1e-12
+
+
+def test_a_fifth_law_is_analysed(arctangent):
+    """A steady turn found with the law: its forces carry the turn, and simulate() stays in it."""
+    steer, speed = (0.01, 0.0), 20.0
+    turn = next(turn for turn in analysis.equilibria(OVERSTEER, speed, steer, tire="arctangent") if turn.is_stable)
+    front, rear = (
+        arctangent.lateral_force(slip, stiffness, load)
+        for slip, stiffness, load in (
+            (turn.front_slip_angle, OVERSTEER.front_cornering_stiffness, OVERSTEER.front_axle_load),
+            (turn.rear_slip_angle, OVERSTEER.rear_cornering_stiffness, OVERSTEER.rear_axle_load),
+        )
+    )
+    centripetal = OVERSTEER.mass * turn.lateral_acceleration
+    assert front * np.cos(steer[0]) + rear == pytest.approx(centripetal, rel=1e-9)
+    start = {"lateral_velocity": turn.lateral_velocity, "yaw_rate": turn.yaw_rate}
+    run = simulate(OVERSTEER, speed, steer, 2.0, tire="arctangent", initial_state=start)
+    np.testing.assert_allclose(run["yaw_rate"], turn.yaw_rate, rtol=1e-9)
+    other = analysis.equilibria(OVERSTEER, speed, steer, tire="tanh")
+    assert all(abs(turn.yaw_rate - each.yaw_rate) > 1e-6 for each in other)
 
 
 def test_a_name_that_is_no_row_is_refused_and_the_rows_are_listed(arctangent):

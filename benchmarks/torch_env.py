@@ -1,0 +1,131 @@
+"""Steps per second of TorchVectorEnv against the number of cars, on the CPU and on a GPU where there is one.
+
+    pip install -c constraints.txt -e ".[agents]" && python benchmarks/torch_env.py --json results/torch_env.json
+
+Random actions, autoreset in the same step, no gradients; on the CPU one thread, beside the native vector environment
+(numba) on the same thread. The variants alternate and each keeps its best round, because other work on the machine
+only ever makes a round slower. A GPU is waited for at the end of each round only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import torch
+
+from bicycle_env import provenance
+from bicycle_env.envs import TorchVectorEnv
+
+ENV_ID = "BicycleStab-v0"
+SIZES = (1, 64, 1024, 16384, 131072)
+SHORTEST_ROUND = 0.3  # s
+
+
+def torch_stepper(device: str, num_envs: int, dtype: str, compiled: bool) -> tuple[Callable[[int], None], float]:
+    """``run(steps)``, and the seconds that the first steps took, compilation included."""
+    envs = TorchVectorEnv(ENV_ID, num_envs, device=device, dtype=dtype, compile=compiled)
+    envs.reset(seed=0)
+    generator = torch.Generator(device=device).manual_seed(0)
+    shape = (16, num_envs, *envs.single_action_space.shape)
+    actions = 2.0 * torch.rand(shape, generator=generator, device=device) - 1.0
+
+    def run(steps: int) -> None:
+        for k in range(steps):
+            envs.step(actions[k % 16])
+        if device != "cpu":
+            torch.cuda.synchronize()
+
+    start = time.perf_counter()
+    run(2)
+    return run, time.perf_counter() - start
+
+
+def native_stepper(num_envs: int, dtype: str) -> tuple[Callable[[int], None], float]:
+    """The same for the compiled vector environment."""
+    envs = gym.make_vec(ENV_ID, num_envs=num_envs, dtype=dtype, autoreset_mode="SameStep")
+    envs.reset(seed=0)
+    envs.action_space.seed(0)
+    actions = [envs.action_space.sample() for _ in range(16)]
+
+    def run(steps: int) -> None:
+        for k in range(steps):
+            envs.step(actions[k % 16])
+
+    start = time.perf_counter()
+    run(2)
+    return run, time.perf_counter() - start
+
+
+def rate(run: Callable[[int], None], num_envs: int, rounds: int) -> float:
+    """Steps of single cars per second: the best of some rounds, each long enough to measure."""
+    steps, best = 1, 0.0
+    while rounds:
+        start = time.perf_counter()
+        run(steps)
+        seconds = time.perf_counter() - start
+        best = max(best, steps * num_envs / seconds)
+        if seconds < SHORTEST_ROUND:
+            steps *= 2
+        else:
+            rounds -= 1
+    return best
+
+
+def variants(devices: list[str]) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    for device in devices:
+        for dtype in ("float64", "float32"):
+            rows += [{"what": "torch", "device": device, "dtype": dtype, "compile": c} for c in (False, True)]
+            if device == "cpu":
+                rows.append({"what": "native", "device": device, "dtype": dtype})
+    return rows
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="numbers of cars")
+    parser.add_argument("--rounds", type=int, default=3, help="rounds, of which the best counts (default 3)")
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    torch.set_grad_enabled(False)
+    devices = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
+    gpu = torch.cuda.get_device_name() if len(devices) > 1 else "none at hand: not measured"
+    print(f"{provenance.machine()}; GPU: {gpu}\n")
+    print(f"{'steps/s':32s}" + "".join(f"{size:>14,d}" for size in options.sizes))
+    rows = variants(devices)
+    for row in rows:
+        row["steps_per_second"], row["first_steps_seconds"] = {}, {}
+        kind = " ".join((row["what"], row["device"], row["dtype"], "compiled" if row.get("compile") else "")).rstrip()
+        print(f"{kind:32s}", end="", flush=True)
+        for size in options.sizes:
+            if row["what"] == "native":
+                run, first = native_stepper(size, row["dtype"])
+            else:
+                run, first = torch_stepper(row["device"], size, row["dtype"], row["compile"])
+            row["first_steps_seconds"][str(size)] = round(first, 2)
+            row["steps_per_second"][str(size)] = round(rate(run, size, options.rounds))
+            print(f"{row['steps_per_second'][str(size)]:14,d}", end="", flush=True)
+        print()
+    if options.json:
+        result = {
+            "command": "python benchmarks/torch_env.py",
+            **provenance.collect(),
+            "gpu": gpu,
+            "env_id": ENV_ID,
+            "threads": 1,
+            "rows": rows,
+        }
+        options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,225 @@
+"""Nonlinear model-predictive control: at every step the steering of the next second is optimised anew, with CasADi."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_env.analysis.linear_model import STATE_NAMES, rk4_map
+from bicycle_env.control.design import preview_cost, preview_gain
+from bicycle_env.control.lqr import Weights, continuous_design_model, preview_steps, tuned_weights, wanted_states
+from bicycle_env.control.policy import Array, Plant, Policy
+from bicycle_env.control.reading import Reading, interpolation
+from bicycle_env.control.rows import Rows
+from bicycle_env.control.symbolic import casadi, control_step, steered_axles
+from bicycle_env.physics.validation import positive, whole
+
+Matrix = NDArray[np.float64]
+
+STATES = len(STATE_NAMES)
+SLACKS = 2
+"""Inputs beside the actions: by how much the lane [m] and the sideslip [rad] are overstepped."""
+SLACK_COST = (300.0, 3000.0)
+"""On their squares; the weights of LQR are 1 per m^2 and some 100 per rad^2."""
+LANE_MARGIN = 0.25
+"""The lane's soft limit is that far inside of the place where the whole body has left the lane, m."""
+FIRST_ITERATIONS = 10
+"""SQP iterations in the first step of an episode, where there is no plan of the step before."""
+
+
+class MPC(Policy):
+    """Nonlinear MPC: LQR's cost on the nonlinear car, with the actuators' limits and soft limits of lane and sideslip.
+
+    Direct multiple shooting (H. G. Bock, K. J. Plitt, IFAC World Congress 1984) over ``horizon`` control steps, with
+    the package's own equations in CasADi's symbols. Stage cost and cost beyond the horizon are those of the LQR with
+    preview, so that with no limit at work the action is LQR's. Angle and rate limits of the actuators are constraints.
+    Gauss-Newton SQP, one iteration a step from the plan of the step before, moved on (M. Diehl, H. G. Bock,
+    J. P. Schloeder, SIAM J. Control Optim. 43, 2005), with a solver that uses the stages (HPIPM) where CasADi has it.
+
+    It remembers the plan of each car: call ``reset`` when an episode starts. Where the quadratic program cannot be
+    solved, the moved plan is driven on; ``failures`` counts these steps of all cars.
+
+    Attributes also: the linear ``model``, and ``gain`` and ``preview`` of the LQR that it comes down to.
+
+    Args:
+        weights: as for LQR, by default the tuned ones of the task.
+        horizon: control steps.
+        iterations: SQP iterations per control step.
+        lane_half_width: of the lane around the path, m; its soft limit is where the body has nearly left it.
+        sideslip_limit: rad; soft.
+        substeps: RK4 steps per control step.
+
+    Raises:
+        ValueError, TypeError: an argument out of range.
+        ModuleNotFoundError: CasADi is missing.
+    """
+
+    name = "mpc"
+
+    def __init__(
+        self,
+        plant: Plant,
+        weights: Weights | None = None,
+        horizon: int = 60,
+        iterations: int = 1,
+        lane_half_width: float = 1.75,
+        sideslip_limit: float = 0.6,
+        substeps: int = 1,
+    ) -> None:
+        self.horizon, self.iterations = whole("horizon", horizon, 2, 1000), whole("iterations", iterations)
+        lane_limit = positive("lane_half_width", lane_half_width) + 0.5 * plant.vehicle.body_width - LANE_MARGIN
+        sideslip_limit = positive("sideslip_limit", sideslip_limit)
+        substeps = whole("substeps", substeps)
+        weights = tuned_weights(plant.task.name) if weights is None else weights
+        timestep = plant.control_timestep
+
+        continuous = continuous_design_model(plant)
+        A, B = rk4_map(continuous.A, continuous.B, timestep, substeps)
+        self.model = plant.linear_model()._replace(A=A, B=B)
+        self._Q, self._R = weights.matrices(plant.speed, self.model.input_names)
+        self._reading = Reading(plant)
+        ahead = preview_steps(self._reading.times, timestep)
+        self._wanted = wanted_states(plant.speed * timestep, timestep, ahead)
+        # The preview in each step of the horizon: moved on, its last value held
+        self._shown = np.minimum(np.arange(self.horizon + 1)[:, None] + np.arange(ahead + 1), ahead)
+        self._per_step = interpolation(self._reading.times, np.linspace(0.0, ahead * timestep, ahead + 1))
+        self._P, self._S = preview_cost(A, B, self._Q, self._R, self._wanted, ahead)
+        self.gain, path_gain = preview_gain(A, B, self._Q, self._R, self._wanted, ahead)
+        self.preview = path_gain @ self._per_step
+
+        self._axles = len(self.model.input_names)
+        self._stage = STATES + self._axles + SLACKS  # numbers of a stage in the plan: states, actions, slacks
+        self._build(plant, lane_limit, sideslip_limit, substeps)
+        self._memory = Rows(self.horizon * self._stage + STATES + 1)  # the plan, and 1 once there is one
+        self._plans = np.empty((0, 0))
+        self.failures = 0
+
+    def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
+        self._memory.reset(rows)
+        self._plans = self._plans[:0] if rows is None else self._plans
+
+    def act(self, observation: Array) -> NDArray[np.float32]:
+        cars = np.atleast_2d(np.asarray(observation, np.float64)) * self._reading.scale
+        memory = self._memory.of(len(cars))
+        actions = np.empty((len(cars), self._axles), np.float32)
+        for car, remembered, action in zip(cars, memory, actions, strict=True):
+            plan = self._optimised(car, None if remembered[-1] == 0.0 else remembered[:-1])
+            remembered[:-1], remembered[-1] = plan, 1.0
+            action[:] = np.clip(plan[STATES : STATES + self._axles], -1.0, 1.0)
+        self._plans = memory[:, :-1]
+        return actions.reshape(*np.shape(observation)[:-1], self._axles)
+
+    def planned(self, row: int = 0) -> tuple[Matrix, Matrix]:
+        """What a car is to do: states (horizon + 1, 6), lateral positions from its own, and actions (horizon, axles).
+
+        Raises IndexError where no such car was driven since the last reset.
+        """
+        plan = self._plans[row]
+        stages = np.append(plan, np.zeros(self._stage - STATES)).reshape(-1, self._stage)
+        return stages[:, :STATES], stages[:-1, STATES : STATES + self._axles]
+
+    def _optimised(self, car: Matrix, before: Matrix | None) -> Matrix:
+        """The plan of one car, an observation in SI units, from its plan of the step before."""
+        state, points = car @ self._reading.state, car @ self._reading.path
+        shown = (self._per_step @ points)[self._shown]
+        reference = shown @ self._wanted.T
+        parameters = np.concatenate([state, reference.ravel(), self._S @ shown[-1]])
+        plan = self._first_guess(state, points, reference) if before is None else self._moved_on(before, state)
+        for _ in range(FIRST_ITERATIONS if before is None else self.iterations):
+            value, slopes, gradient = self._linearised(plan, parameters)
+            value = np.asarray(value).ravel()
+            low, high, least, most = self._bounds
+            found = self._quadratic_program(
+                h=self._curvature,
+                g=gradient,
+                a=slopes,
+                lba=low - value,
+                uba=high - value,
+                lbx=least - plan,
+                ubx=most - plan,
+            )
+            step = np.asarray(found["x"]).ravel()
+            if not (self._quadratic_program.stats()["success"] and np.all(np.isfinite(step))):
+                self.failures += 1
+                break
+            plan = plan + step
+        return plan
+
+    def _first_guess(self, state: Matrix, points: Matrix, reference: Matrix) -> Matrix:
+        """The state decays to the path; the first action is that of LQR, the others are 0."""
+        decay = 0.95 ** np.arange(self.horizon + 1)
+        stages = np.zeros((self.horizon + 1, self._stage))
+        stages[:, :STATES] = reference + decay[:, None] * (state - reference[0])
+        stages[0, STATES : STATES + self._axles] = np.clip(-self.gain @ state - self.preview @ points, -1.0, 1.0)
+        return stages.ravel()[: self.horizon * self._stage + STATES]
+
+    def _moved_on(self, plan: Matrix, state: Matrix) -> Matrix:
+        """The plan of the step before from its second stage on, the last one twice, seen from the car's new place."""
+        stage = self._stage
+        moved = np.concatenate([plan[stage:-STATES], plan[-STATES - stage :]])
+        moved[::stage] -= moved[0]
+        moved[:STATES] = state
+        return moved
+
+    def _build(self, plant: Plant, lane_limit: float, sideslip_limit: float, substeps: int) -> None:
+        """The problem's linearisation at a plan, its quadratic program, and its bounds."""
+        ca = casadi()
+        next_state, axles, N, timestep = (
+            control_step(plant, substeps),
+            self._axles,
+            self.horizon,
+            plant.control_timestep,
+        )
+        actuators = [(plant.front_actuator, plant.rear_actuator)[axle] for axle in steered_axles(plant)]
+        wheels = [STATE_NAMES.index(("front_steer", "rear_steer")[axle]) for axle in steered_axles(plant)]
+        start, beyond = ca.SX.sym("start", STATES), ca.SX.sym("beyond", STATES)
+        reference = ca.SX.sym("reference", STATES, N + 1)
+        states = [ca.SX.sym(f"state_{k}", STATES) for k in range(N + 1)]
+        inputs = [ca.SX.sym(f"input_{k}", axles + SLACKS) for k in range(N)]
+        cost = ca.bilin(self._P, states[N], states[N]) + 2.0 * ca.dot(beyond, states[N])
+        rows: list[tuple[Any, float, float]] = []  # what is bounded, and the bounds
+        for k in range(N):
+            state, action, slack = states[k], inputs[k][:axles], inputs[k][axles:]
+            away = state - reference[:, k]
+            cost += ca.bilin(self._Q, away, away) + ca.bilin(self._R, action, action)
+            # HPIPM recognises the stages by this order: dynamics first, then what holds within the stage.
+            rows.append((states[k + 1] - next_state(state, action), 0.0, 0.0))
+            if k == 0:
+                rows.append((state - start, 0.0, 0.0))
+            for j, actuator in enumerate(actuators):
+                if math.isfinite(actuator.rate_limit):
+                    # A command that far from the wheel moves it, by the lag, as far in a step as the rate limit would.
+                    share = -math.expm1(-timestep / actuator.time_constant)
+                    reach = actuator.rate_limit * timestep / share
+                    rows.append((action[j] * actuator.angle_limit - state[wheels[j]], -reach, reach))
+            soft = (away[0], lane_limit), (state[2] / plant.speed, sideslip_limit)
+            for j, (value, limit) in enumerate(soft):
+                cost += SLACK_COST[j] * slack[j] ** 2
+                rows.append((value - slack[j], -limit, limit))
+
+        plan = ca.vertcat(*(part for k in range(N) for part in (states[k], inputs[k])), states[N])
+        parameters = ca.vertcat(start, ca.vec(reference), beyond)
+        bounded = ca.vertcat(*(what for what, _, _ in rows))
+        low, high = ([row[j] for row in rows for _ in range(row[0].shape[0])] for j in (1, 2))
+        limits = np.concatenate([np.full(STATES, math.inf), np.ones(axles), np.full(SLACKS, math.inf)])
+        most = np.concatenate([np.tile(limits, N), np.full(STATES, math.inf)])
+        self._bounds = np.array(low), np.array(high), -most, most
+        # To CasADi |x| has the slope 0 at 0, where the tires have their own: the slopes are taken a nanometre aside.
+        slopes = ca.substitute(ca.jacobian(bounded, plan), plan, plan + 1e-9)
+        self._linearised = ca.Function("linearised", [plan, parameters], [bounded, slopes, ca.gradient(cost, plan)])
+        # Gauss-Newton: the cost is quadratic, its Hessian constant; the curvature of the dynamics is left out.
+        self._curvature = ca.DM(ca.hessian(cost, plan)[0])
+        sparsity = {"h": self._curvature.sparsity(), "a": slopes.sparsity()}
+        self._quadratic_program = ca.conic("quadratic_program", *_solver(sparsity))
+
+
+def _solver(sparsity: dict[str, Any]) -> tuple[str, dict[str, Any], dict[str, Any]]:
+    """Name, sparsity and options of CasADi's solver for the quadratic programs."""
+    if casadi().has_conic("hpipm"):
+        # Residuals of states, actions and constraints: far below what the wheels and the road notice.
+        residuals = dict.fromkeys(("res_g_max", "res_b_max", "res_d_max", "res_m_max"), 1e-6)
+        return "hpipm", sparsity, {"error_on_fail": False, "hpipm": {"iter_max": 50, **residuals}}
+    return "qrqp", sparsity, {"error_on_fail": False, "print_iter": False, "print_header": False, "print_info": False}

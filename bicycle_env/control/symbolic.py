@@ -1,0 +1,67 @@
+"""The package's one source of physics in CasADi's symbols, for controllers that optimise. Imports CasADi when asked."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import Any
+
+from bicycle_env.control.policy import Plant
+from bicycle_env.physics import elementary
+from bicycle_env.physics.integrators import rk4
+from bicycle_env.physics.single_track import CarState, actuated_single_track, car_on_road
+
+
+def casadi() -> Any:
+    """The module; ModuleNotFoundError with the install line where it is missing."""
+    try:
+        import casadi
+    except ImportError:
+        raise ModuleNotFoundError(
+            'model-predictive control needs CasADi: pip install "bicycle-env[mpc]"', name="casadi"
+        ) from None
+    return casadi
+
+
+@functools.cache
+def casadi_namespace() -> Any:
+    """The elementary functions on CasADi's symbols.
+
+    They are CasADi's own, with which the package's agree to 3e-15: in an expression graph each is one node with a
+    known derivative, where the package's polynomials would be dozens.
+    """
+    ca = casadi()
+    xp = elementary.namespace("casadi", ca.if_else, ca.floor)
+    xp.minimum, xp.maximum = ca.fmin, ca.fmax
+    xp.sin = xp.near_sin = ca.sin
+    xp.cos = xp.near_cos = ca.cos
+    xp.tan, xp.atan, xp.tanh = ca.tan, ca.atan, ca.tanh
+    return xp
+
+
+def control_step(plant: Plant, substeps: int) -> Any:
+    """One control step of the nonlinear car and its actuators as a ``casadi.Function`` (state (6), action) -> state.
+
+    States are ``STATE_NAMES``, the action is that of the steered axles in [-1, 1]; RK4 with `substeps` steps. The
+    actuators have their lags, but no rate limits: those have a corner, and are constraints to whoever optimises.
+    """
+    ca, xp = casadi(), casadi_namespace()
+    advance = rk4(xp, actuated_single_track(xp, plant.tire, plant.geometry))
+    actuators = (plant.front_actuator, plant.rear_actuator)
+    unlimited = [dataclasses.replace(actuator, rate_limit=math.inf) for actuator in actuators]
+    car = car_on_road(plant.vehicle, plant.speed, plant.friction, *unlimited)
+    state, action = ca.SX.sym("state", 6), ca.SX.sym("action", plant.action_space.shape[-1])
+    command = [ca.SX(0.0), ca.SX(0.0)]
+    for k, axle in enumerate(steered_axles(plant)):
+        command[axle] = action[k] * actuators[axle].angle_limit
+    held = tuple(command)
+    moving = CarState(ca.SX(0.0), *ca.vertsplit(state))
+    for _ in range(substeps):
+        moving = advance(moving, held, held, held, car, plant.control_timestep / substeps)
+    return ca.Function("control_step", [state, action], [ca.vertcat(*moving[1:])], ["state", "action"], ["next"])
+
+
+def steered_axles(plant: Plant) -> tuple[int, ...]:
+    """The axles that actions steer, in their order: 0 front, 1 rear."""
+    return {"front": (0,), "rear": (1,), "both": (0, 1)}[plant.steer]

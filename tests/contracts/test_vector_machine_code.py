@@ -1,0 +1,77 @@
+"""The compiled step takes several cars at a time: no loop over the cars falls back to one by one.
+
+What speed this brings is measured by benchmarks/vector_env.py. Here the compiler's last intermediate code is read: of
+the arithmetic that stands in a loop, none but a few multiplications (scaling actions and observations) may be scalar.
+"""
+
+import re
+from collections import Counter
+
+import gymnasium as gym
+import llvmlite.binding as llvm
+import pytest
+from vector_cases import COMBINATIONS, make_many
+
+pytestmark = pytest.mark.skipif(
+    not llvm.get_host_cpu_features().get("avx2"), reason="how other processors vectorise is not known here"
+)
+ARITHMETIC = ("fadd", "fsub", "fmul", "fdiv")
+
+
+def optimised(compiled):
+    """The module of a compiled function; also one that came from the cache on disk."""
+    (overload,) = compiled.overloads.values()
+    return llvm.parse_bitcode(overload.library._get_module_for_linking().as_bitcode())
+
+
+def in_loops(module):
+    """Arithmetic in blocks of code that can run again: Counter of (instruction, type)."""
+    found = Counter()
+    for function in module.functions:
+        blocks = {block.name: list(block.instructions) for block in function.blocks}
+        after = {
+            name: {label.strip('"') for label in re.findall(r'label %("[^"]+"|[\w.$-]+)', str(code[-1]))}
+            for name, code in blocks.items()
+        }
+        for name, code in blocks.items():
+            reached, waiting = set(), list(after[name])
+            while waiting:
+                block = waiting.pop()
+                if block not in reached:
+                    reached.add(block)
+                    waiting += after[block]
+            if name in reached:
+                found.update((one.opcode, str(one.type)) for one in code if one.opcode in ARITHMETIC)
+    return found
+
+
+def split(found, number):
+    """How many instructions of a type of number: (scalar other than multiplications, scalar, packed)."""
+    scalar = {opcode: found[opcode, number] for opcode in ARITHMETIC}
+    packed = sum(count for (_, kind), count in found.items() if re.fullmatch(rf"<\d+ x {number}>", kind))
+    return sum(scalar.values()) - scalar["fmul"], sum(scalar.values()), packed
+
+
+@pytest.mark.parametrize("combination", [COMBINATIONS[k] for k in (0, 2, 4, 5)], ids=lambda c: "-".join(map(str, c)))
+def test_all_loops_take_several_cars_at_a_time(combination):
+    found = in_loops(optimised(make_many(combination)._step))
+    other, scalar, packed = split(found, "double")
+    assert packed > 200
+    assert other == 0, found
+    assert scalar < packed / 4, found
+
+
+@pytest.mark.parametrize("combination", [COMBINATIONS[k] for k in (4, 5)], ids=lambda c: "-".join(map(str, c)))
+def test_single_precision_computes_in_single_precision(combination):
+    found = in_loops(optimised(make_many(combination, dtype="float32")._step))
+    assert split(found, "double") == (0, 0, 0), found
+    _, scalar, packed = split(found, "float")
+    assert packed > 200
+    assert scalar < packed / 4, found
+
+
+def test_the_single_environment_is_seen_as_scalar():
+    """What this page looks for is there where it must be."""
+    other, _, packed = split(in_loops(optimised(gym.make("BicycleStab-v0").unwrapped._step)), "double")
+    assert other > 50
+    assert packed < other
