@@ -66,9 +66,7 @@ def in_single_precision(law: Callable[..., Any]) -> Any:
     scope = {**known, **{name: _single(known[name], names) for name in names if name in known}}
     cells = tuple(CellType(_single(cell.cell_contents, names)) for cell in function.__closure__ or ())
     code = code.replace(co_consts=tuple(_single(value) for value in code.co_consts))
-    single = FunctionType(code, scope, function.__name__, _single(function.__defaults__), cells or None)
-    single.__kwdefaults__ = {name: _single(value) for name, value in (function.__kwdefaults__ or {}).items()}
-    return inlined(single)
+    return inlined(FunctionType(code, scope, function.__name__, _single(function.__defaults__), cells or None))
 
 
 NUMBA_FLOAT32: elementary.Namespace = elementary.namespace("numba_float32", _choose, np.floor, in_single_precision)
