@@ -3,7 +3,8 @@
 import os
 import tempfile
 
-os.environ["MINARI_DATASETS_PATH"] = tempfile.mkdtemp()
+place = tempfile.TemporaryDirectory()
+os.environ["MINARI_DATASETS_PATH"] = place.name  # minari reads it when it is imported
 
 import gymnasium as gym
 import minari

@@ -11,8 +11,7 @@ from moviepy import VideoFileClip
 import bicycle_env  # noqa: F401
 
 
-def main() -> None:
-    folder = Path(tempfile.mkdtemp())
+def main(folder: Path) -> None:
     env = RecordVideo(gym.make("BicycleStab-v0", render_mode="rgb_array"), str(folder), disable_logger=True)
     env.reset(seed=0)
     steps, over = 0, False
@@ -31,4 +30,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with tempfile.TemporaryDirectory() as place:
+        main(Path(place))

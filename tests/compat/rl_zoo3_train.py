@@ -17,8 +17,7 @@ def zoo(command: str, *words: str) -> None:
     subprocess.run([sys.executable, "-m", f"rl_zoo3.{command}", *words], check=True, stdout=subprocess.DEVNULL)
 
 
-def main() -> None:
-    folder = Path(tempfile.mkdtemp())
+def main(folder: Path) -> None:
     settings = folder / "settings.yml"
     settings.write_text(json.dumps(SETTINGS))  # JSON is YAML
     zoo("train", str(folder), "--conf-file", str(settings), "--seed", "1", "--eval-freq", "-1", "--num-threads", "1")
@@ -32,4 +31,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with tempfile.TemporaryDirectory() as place:
+        main(Path(place))
