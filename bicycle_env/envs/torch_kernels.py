@@ -88,7 +88,7 @@ def torch_kernels(
 
     car = Car(*map(tensor, fleet.car))
     world = World(car, rules, type(fleet.settings)(*map(tensor, fleet.settings)))
-    scale = tensor(fleet.observation_scale)
+    per_scale = tensor(1.0 / fleet.observation_scale)
     bound = torch.tensor(configuration.observation_bound, device=device)
     times = tensor(task.preview_times).unsqueeze(1)
     pays_for_failure = configuration.reward == "quadratic"
@@ -134,7 +134,7 @@ def torch_kernels(
         if len(times):
             ahead = preview(state, memory.route, world, times)  # (points, num_envs)
             values = torch.cat((values, ahead.T), dim=1)
-        scaled = (values / scale).to(torch.float32)
+        scaled = (values * per_scale).to(torch.float32)
         observation = xp.minimum(xp.maximum(scaled, -bound), bound)
         return observation, cost_law(state, reference_law(state, memory.route, world), world)
 

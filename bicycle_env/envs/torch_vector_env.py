@@ -176,7 +176,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         """Hold each car's action for one control step; finite values outside [-1, 1] saturate.
 
         Args:
-            action: a tensor (num_envs, axles) of real numbers on the environment's device.
+            action: a tensor (num_envs, axles) of real numbers on the environment's device, in its full precision.
 
         Returns:
             observation (num_envs, entries) float32; reward, terminated, truncated (num_envs,); info.
