@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("bicycle-env", "gymnasium", "numpy", "numba", "scipy", "stable-baselines3", "torch")
+PACKAGES = ("bicycle-env", "gymnasium", "numpy", "numba", "scipy", "casadi", "stable-baselines3", "torch")
 
 
 def collect() -> dict[str, Any]:

@@ -15,6 +15,7 @@ from bicycle_env.control.policy import Array, Plant, Policy
 from bicycle_env.control.reading import Reading, interpolation
 from bicycle_env.control.rows import Rows
 from bicycle_env.control.symbolic import casadi, control_step, steered_axles
+from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.validation import positive, whole
 
 Matrix = NDArray[np.float64]
@@ -50,7 +51,7 @@ class MPC(Policy):
         iterations: SQP iterations per control step.
         lane_half_width: of the lane around the path, m; its soft limit is where the body has nearly left it.
         sideslip_limit: rad; soft.
-        substeps: RK4 steps per control step.
+        substeps: RK4 steps per control step; by default the fewest that are short beside the fastest mode.
 
     Raises:
         ValueError, TypeError: an argument out of range.
@@ -67,12 +68,12 @@ class MPC(Policy):
         iterations: int = 1,
         lane_half_width: float = 1.75,
         sideslip_limit: float = 0.6,
-        substeps: int = 1,
+        substeps: int | None = None,
     ) -> None:
         self.horizon, self.iterations = whole("horizon", horizon, 2, 1000), whole("iterations", iterations)
         lane_limit = positive("lane_half_width", lane_half_width) + 0.5 * plant.vehicle.body_width - LANE_MARGIN
         sideslip_limit = positive("sideslip_limit", sideslip_limit)
-        substeps = whole("substeps", substeps)
+        substeps = fewest_substeps(plant) if substeps is None else whole("substeps", substeps)
         weights = tuned_weights(plant.task.name) if weights is None else weights
         timestep = plant.control_timestep
 
@@ -214,6 +215,13 @@ class MPC(Policy):
         self._curvature = ca.DM(ca.hessian(cost, plan)[0])
         sparsity = {"h": self._curvature.sparsity(), "a": slopes.sparsity()}
         self._quadratic_program = ca.conic("quadratic_program", *_solver(sparsity))
+
+
+def fewest_substeps(plant: Plant) -> int:
+    """RK4 steps per control step with timestep x fastest mode <= 1/2, but not more than the plant's."""
+    lags = (1.0 / plant.front_actuator.time_constant, 1.0 / plant.rear_actuator.time_constant)
+    fastest = max(fastest_rate(plant.vehicle, plant.speed), *lags)
+    return min(plant.substeps, math.ceil(2.0 * plant.control_timestep * fastest))
 
 
 def _solver(sparsity: dict[str, Any]) -> tuple[str, dict[str, Any], dict[str, Any]]:

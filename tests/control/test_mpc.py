@@ -77,6 +77,18 @@ def test_the_namespace_agrees_with_the_packages_own_functions():
         )
 
 
+def test_fast_wheels_are_integrated_in_short_steps():
+    quick = Actuator(0.1, math.inf, 0.005)
+    car = plant(front_actuator=quick, rear_actuator=quick, physics_timestep=0.002)
+    policy = MPC(car)
+    np.testing.assert_allclose(policy.gain, LQR(car).gain, rtol=5e-3, atol=1e-4)
+    observation, _ = car.reset(options={"state": {"lateral_velocity": 4.0, "yaw_rate": 0.2, "heading": -0.1}})
+    for _ in range(20):
+        observation, _, terminated, _, _ = car.step(policy.act(observation))
+        assert not terminated
+    assert policy.failures == 0
+
+
 # LQR where nothing is at a limit
 
 
