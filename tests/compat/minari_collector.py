@@ -3,9 +3,6 @@
 import os
 import tempfile
 
-place = tempfile.TemporaryDirectory()
-os.environ["MINARI_DATASETS_PATH"] = place.name  # minari reads it when it is imported
-
 import gymnasium as gym
 import minari
 import numpy as np
@@ -53,4 +50,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with tempfile.TemporaryDirectory() as place:
+        os.environ["MINARI_DATASETS_PATH"] = place
+        main()
