@@ -102,6 +102,19 @@ def lane_change_ppo() -> str:
     return learning("BicycleLaneChange-v0-ppo.json", LANE_CHANGE)
 
 
+def controllers_stab() -> str:
+    result = read("controllers_stab.json")
+    lines = [
+        "| 200 starts, the same for all | " + " | ".join(heading for _, heading, _, _ in STAB) + " |",
+        "|---" * (len(STAB) + 1) + "|",
+    ]
+    for name, row in result["policies"].items():
+        lines.append(
+            f"| `{name}` | " + " | ".join(cell(row, key, factor, form) for key, _, factor, form in STAB) + " |"
+        )
+    return "\n".join([*lines, "", made(result, "`results/controllers_stab.json`. In brackets: 95 % intervals.")])
+
+
 def speed() -> str:
     result = read("single_env.json")
     lines = ["| steps per second through `gym.make` | |", "|---|---|"]
@@ -144,7 +157,9 @@ def room() -> str:
     return "\n".join([*lines, "", made(result, "`results/room.json`. In brackets: 95 % intervals.")])
 
 
-TABLES = {function.__name__: function for function in (demo, stab_ppo, lane_change_ppo, speed, vector, room)}
+TABLES = {
+    function.__name__: function for function in (demo, stab_ppo, lane_change_ppo, speed, vector, room, controllers_stab)
+}
 
 
 def filled(text: str) -> str:
