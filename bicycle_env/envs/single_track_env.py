@@ -156,7 +156,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         if self._end_code != 0:
             return self._after_the_end()
         if type(action) is not np.ndarray or action.dtype is not FLOAT32 or action.shape != self._action_shape:
-            action = converted_action(action, self._action_shape, self.steer)
+            action = converted_action(action, self._action_shape, self.steer, np.float64)
         values = action.tolist()
         observation = np.empty(self._observation_size, FLOAT32)
         reward, end, cost = self._step(self._memory, observation, values[0], values[-1])
@@ -258,8 +258,8 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._bind()
 
 
-def converted_action(action: Any, shape: tuple[int, ...], steer: str) -> NDArray[np.float32]:
-    """A real array of the shape as float32; finite values are clipped first, others stay. TypeError, ValueError."""
+def converted_action(action: Any, shape: tuple[int, ...], steer: str, dtype: Any = np.float32) -> NDArray[Any]:
+    """A real array of the shape as a float type; finite values are clipped first, others stay. TypeError, ValueError."""
     try:
         converted = np.asarray(action)
     except ValueError:
@@ -270,7 +270,7 @@ def converted_action(action: Any, shape: tuple[int, ...], steer: str) -> NDArray
         raise ValueError(f"action must have shape {shape} (steer={steer!r}), got shape {converted.shape}: {action!r}")
     converted = converted.astype(np.float64)
     clipped = np.where(np.isfinite(converted), np.clip(converted, -1.0, 1.0), converted)
-    return np.ascontiguousarray(clipped, dtype=np.float32)
+    return np.ascontiguousarray(clipped, dtype=dtype)
 
 
 def make_task(task_class: type[Task], keywords: dict[str, Any]) -> Task:
