@@ -110,11 +110,9 @@ def last_line(error: subprocess.CalledProcessError | subprocess.TimeoutExpired) 
     return lines[-1].replace(str(ROOT), ".") if lines else f"exit code {error.returncode}"
 
 
-def check(name: str) -> dict[str, Any]:
+def check(library: Library, name: str, revision: str) -> dict[str, Any]:
     """One row of the results file."""
-    library = LIBRARIES[name]
-    row: dict[str, Any] = {"outcome": "not installed", "date": time.strftime("%Y-%m-%d")}
-    row["git"] = provenance.git_revision()
+    row: dict[str, Any] = {"outcome": "not installed", "date": time.strftime("%Y-%m-%d"), "git": revision}
     try:
         python = prepare(name, library)
         row |= {"versions": versions(python, library.versions), "outcome": "failed"}
@@ -128,11 +126,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", action="append", choices=LIBRARIES, metavar="NAME", help=", ".join(LIBRARIES))
     options = parser.parse_args()
+    revision = provenance.git_revision()  # before results/ changes
     results: dict[str, Any] = {"command": "make compat", "machine": provenance.machine(), "libraries": {}}
     if options.only and RESULTS.is_file():
         results["libraries"] = json.loads(RESULTS.read_text(encoding="utf-8"))["libraries"]
     for name in options.only or LIBRARIES:
-        row = results["libraries"][name] = check(name)
+        row = results["libraries"][name] = check(LIBRARIES[name], name, revision)
         told = row.get("error") or "; ".join(row["checked"])
         print(f"{name:20s} {row['outcome']:14s} {told}", flush=True)
         write_json(RESULTS, results)

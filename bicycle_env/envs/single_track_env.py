@@ -259,7 +259,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
 
 def converted_action(action: Any, shape: tuple[int, ...], steer: str, dtype: Any = np.float32) -> NDArray[Any]:
-    """A real array of the shape as a float type; finite values are clipped first, others stay. TypeError, ValueError."""
+    """A real array of the shape, of a float type; finite values are clipped, others stay. TypeError, ValueError."""
     try:
         converted = np.asarray(action)
     except ValueError:
