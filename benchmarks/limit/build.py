@@ -29,17 +29,17 @@ def build_line(tire: str, dtype: str, rows: int, target: str) -> list[str]:
 
 
 def kernel(tire: str, dtype: str = "float64", rows: int = 64) -> Callable[..., int]:
-    """``step(numbers, actions, observation, values, flags, end, first, last)``, as the compiled Python takes it."""
+    """``step(numbers, actions, generators, observation, values, flags, end, restarts, first, last)`` in C."""
     with tempfile.TemporaryDirectory() as folder:
         target = str(Path(folder) / "single_track.so")
         subprocess.run(build_line(tire, dtype, rows, target), check=True)
         step = ctypes.CDLL(target).step
     step.restype = ctypes.c_long
-    step.argtypes = [ctypes.c_void_p] * 6 + [ctypes.c_long] * 4
+    step.argtypes = [ctypes.c_void_p] * 7 + [ctypes.c_long] * 5
 
     def call(*arguments: Any) -> int:
-        arrays: tuple[np.ndarray, ...] = arguments[:6]
+        arrays: tuple[np.ndarray, ...] = arguments[:7]
         cars, axles = arrays[1].shape
-        return int(step(*(array.ctypes.data for array in arrays), cars, axles, *arguments[6:]))
+        return int(step(*(array.ctypes.data for array in arrays), cars, axles, *arguments[7:]))
 
     return call

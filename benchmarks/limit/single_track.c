@@ -18,7 +18,7 @@
 #define ROWS 64
 #endif
 
-enum { X, Y, HEADING, V, R, FRONT, REAR, FRONT_COMMAND, REAR_COMMAND, STEPS, SETTLED, COLUMNS };
+enum { X, Y, HEADING, V, R, FRONT, REAR, FRONT_COMMAND, REAR_COMMAND, STEPS, SETTLED, END, COLUMNS };
 enum {
     SIZE, STEP_LIMIT, SPEED, MASS, INERTIA, A, B, CF, CR, FRONT_PEAK, REAR_PEAK, FRONT_ANGLE, REAR_ANGLE, FRONT_RATE,
     REAR_RATE, FRONT_LAG, REAR_LAG, FRONT_EXTENT, REAR_EXTENT, WIDTH, TIMESTEP, SUBSTEPS, HORIZON, STEERS_FRONT,
@@ -120,11 +120,13 @@ static inline State moved(State s, State d, REAL t) {
     return s;
 }
 
-long step(REAL *numbers, const float *actions, float *observation, double *values, uint8_t *flags,
-          int8_t *end, long cars, long axles, long first, long last) {
+long step(REAL *numbers, const float *actions, const uint64_t *generators, float *observation, double *values, uint8_t *flags,
+          int8_t *end, long cars, long axles, long restarts, long first, long last) {
+    (void)generators, (void)restarts; /* it only steps: an episode that has ended goes on */
     REAL w[BOUND + ENTRIES], *rows = numbers + (long)numbers[SIZE];
     memcpy(w, numbers, sizeof w);
     const REAL h = w[TIMESTEP] / w[SUBSTEPS];
+    const REAL per_speed = 1.0 / w[SPEED], per_front = 1.0 / w[FRONT_ANGLE], per_rear = 1.0 / w[REAR_ANGLE];
     const int substeps = (int)w[SUBSTEPS];
     for (long row = first * ROWS; row < (last * ROWS < cars ? last * ROWS : cars); row++)
         for (long j = 0; j < axles; j++)
@@ -132,7 +134,7 @@ long step(REAL *numbers, const float *actions, float *observation, double *value
     long ended = 0;
     for (long block = first; block < last; block++) {
         REAL c[COLUMNS][ROWS], front[ROWS], rear[ROWS], front_command[ROWS], rear_command[ROWS];
-        REAL reward[ROWS], cost[ROWS], code[ROWS];
+        REAL reward[ROWS], cost[ROWS];
         float seen[ENTRIES][ROWS];
         const long row = block * ROWS;
         const int here = cars - row < ROWS ? (int)(cars - row) : ROWS;
@@ -165,14 +167,14 @@ long step(REAL *numbers, const float *actions, float *observation, double *value
             int spun = (fabs(v) > w[SIDESLIP_LIMIT] * w[SPEED]) | (fabs(r) > w[YAW_LIMIT])
                      | (fabs(heading) > w[HEADING_LIMIT]);
             int left = fabs(y) > w[ROAD] + 0.5 * w[WIDTH];
-            code[k] = spun ? 1.0 : left ? 2.0 : 0.0;
+            c[END][k] = spun ? 1.0 : left ? 2.0 : 0.0;
             REAL s = sine(heading);
             REAL reach = most(fabs(y + w[FRONT_EXTENT] * s), fabs(y - w[REAR_EXTENT] * s))
                        + 0.5 * w[WIDTH] * fabs(cosine(heading));
             cost[k] = reach > w[ROAD] ? 1.0 : 0.0;
-            REAL sideslip = v / w[SPEED];
-            REAL df = front[k] - c[FRONT_COMMAND][k] / w[FRONT_ANGLE];
-            REAL dr = rear[k] - c[REAR_COMMAND][k] / w[REAR_ANGLE];
+            REAL sideslip = v * per_speed;
+            REAL df = front[k] - c[FRONT_COMMAND][k] * per_front;
+            REAL dr = rear[k] - c[REAR_COMMAND][k] * per_rear;
             reward[k] = 1.0 / (1.0 + w[Y_WEIGHT] * (y * y) + w[HEADING_WEIGHT] * (heading * heading)
                 + w[SIDESLIP_WEIGHT] * (sideslip * sideslip) + w[YAW_WEIGHT] * (r * r)
                 + w[EFFORT] * (front[k] * front[k]) + w[EFFORT] * (rear[k] * rear[k])
@@ -195,13 +197,12 @@ long step(REAL *numbers, const float *actions, float *observation, double *value
         }
         memcpy(rows + block * COLUMNS * ROWS, c, sizeof c);
         for (int k = 0; k < here; k++) {
-            const int late = c[STEPS][k] >= w[STEP_LIMIT], over = code[k] > 0.0;
+            const int late = c[STEPS][k] >= w[STEP_LIMIT], over = c[END][k] > 0.0;
             values[row + k] = reward[k];
             values[cars + row + k] = cost[k];
-            end[row + k] = (int8_t)code[k];
+            end[row + k] = (int8_t)c[END][k];
             flags[row + k] = over;
             flags[cars + row + k] = late;
-            flags[2 * cars + row + k] = over | late;
             ended += over | late;
             for (int j = 0; j < ENTRIES; j++) observation[(row + k) * ENTRIES + j] = seen[j][k];
         }

@@ -27,24 +27,25 @@ from bicycle_env.tasks.transition import stages
 BAD_ACTION = -1
 """What ``step`` returns for an action that is not finite; nothing has changed then."""
 
+LONG = 64
+"""Rows a block from which on the compiler takes twice as many cars at a time as fit into a vector register."""
+
 
 class Kernels(NamedTuple):
     """The compiled functions. `numbers`: what all rows share, then the blocks, one flat array.
 
-    Of a step they fill observation (n, entries), values (2, n): reward and cost, flags (3, n): terminated, truncated,
-    either, and end (n,): codes.
+    Of a step they fill observation (n, entries), values (2, n): reward and cost, flags (2, n): terminated and
+    truncated, and end (n,): codes. Rows whose episode has ended are waiting.
     """
 
     step: Callable[..., int]
-    """``step(numbers, actions, observation, values, flags, end, first, last) -> rows that ended``.
+    """``step(numbers, actions, generators, observation, values, flags, end, restarts, first, last) -> ended rows``.
 
-    Of the blocks from `first` to before `last`.
+    Of the blocks from `first` to before `last`. Rows that are waiting start anew if `restarts`, else they stay as they
+    are; either way they get no reward, and their actions are not looked at.
     """
-    start: Callable[..., int]
-    """``start(numbers, mask, generators, observation, values, flags, end, whole) -> rows that had ended``.
-
-    A random start of the rows in the mask (n,). `whole`: nothing of the step that was taken is theirs.
-    """
+    start: Callable[..., None]
+    """``start(numbers, mask, generators, observation, values)``: a random start of the rows in the mask (n,)."""
     look: Callable[..., None]
     """``look(numbers, mask, observation, values)``: observation and cost of the rows in the mask as they are."""
     measure: Callable[..., None]
@@ -63,23 +64,63 @@ def split(numbers: Any) -> Any:
     return numbers[:size], numbers[size:]
 
 
+class Episode(NamedTuple):
+    """Inlined functions on car k of a block: what begins an episode and how it looks."""
+
+    begin: Any
+    """``begin(block, k, shared, drawn, generator)``: a random start; `drawn` is room for its uniform numbers."""
+    cost: Any
+    """``cost(block, k, shared)``."""
+    is_over: Any
+    """``is_over(block, k, step_limit)``."""
+
+
+@functools.cache
+def _episode(kind: Kind) -> Episode:
+    xp, access, at = kind.xp, blocks.access(kind), layout(kind)
+    task = kind.task_class()
+    uniforms, end_column = task.uniforms, at.end * kind.length
+    start_law, reference = xp.function(task.start(xp)), xp.function(task.reference(xp))
+    outside = xp.function(corner_outside(xp))
+    keep_route = store(xp, len(task.Route._fields), at.route, kind.length)
+
+    def begin(block: Any, k: Any, shared: Any, drawn: Any, generator: Any) -> None:
+        for j in range(uniforms):
+            drawn[j] = next_double(generator)
+        state, route = start_law(drawn, access.world(block, k, shared))
+        access.keep_state(block, k, state)
+        access.keep_memory(block, k, (0.0, 0.0, 0.0, 0.0))
+        keep_route(block, k, route)
+        block[k + end_column] = 0.0
+
+    def cost(block: Any, k: Any, shared: Any) -> Any:
+        mine, state = access.world(block, k, shared), access.state(block, k)
+        return outside(state, reference(state, access.route(block, k), mine), mine)
+
+    def is_over(block: Any, k: Any, step_limit: Any) -> Any:
+        return (block[k + end_column] > 0.0) | (access.memory(block, k).steps >= step_limit)
+
+    return Episode(xp.function(begin), xp.function(cost), xp.function(is_over))
+
+
 @functools.cache
 def _step(kind: Kind) -> Any:
     xp, length, entries, access = kind.xp, kind.length, kind.entries, blocks.access(kind)
-    task, block_columns = kind.task_class(), layout(kind).width
-    block_size = block_columns * length
+    task, block_columns, episode = kind.task_class(), layout(kind).width, _episode(kind)
+    block_size, uniforms = block_columns * length, task.uniforms
     begin, advance, finish = (xp.function(law) for law in stages(xp, task, kind.tire, kind.geometry, kind.reward))
     observe, preview = xp.function(task.observe(xp)), xp.function(task.preview(xp))
     times = preview_times(kind)
 
     # The scratch: a block, and after it what one step needs of each car.
-    action_at, stage_at, result_at, seen_at = (block_columns + k for k in (0, 4, 5, 8))
-    size = (seen_at + entries) * length
+    action_at, stage_at, result_at, waits_at, seen_at = (block_columns + k for k in (0, 4, 5, 7, 8))
+    size = (seen_at + 2 * entries) * length
     read_action, keep_action = columns(xp, Pair, action_at, length), store(xp, 2, action_at, length)
     read_command, keep_command = columns(xp, Pair, action_at + 2, length), store(xp, 2, action_at + 2, length)
-    keep_result = store(xp, 3, result_at, length)
-    stage_column, reward_column, cost_column, code_column = (
-        column * length for column in (stage_at, result_at, result_at + 1, result_at + 2)
+    keep_result = store(xp, 2, result_at, length)
+    stage_column, reward_column, cost_column, waits_column, end_column, shown_column = (
+        column * length
+        for column in (stage_at, result_at, result_at + 1, waits_at, layout(kind).end, seen_at + entries)
     )
 
     def limit(action: Any, steers: Any) -> Any:
@@ -88,20 +129,34 @@ def _step(kind: Kind) -> Any:
     limited = xp.function(limit)
 
     def step(
-        numbers: Any, actions: Any, observation: Any, values: Any, flags: Any, end: Any, first: Any, last: Any
+        numbers: Any,
+        actions: Any,
+        generators: Any,
+        observation: Any,
+        values: Any,
+        flags: Any,
+        end: Any,
+        restarts: Any,
+        first: Any,
+        last: Any,
     ) -> int:
         world, rows = split(numbers)
         cars, axle = actions.shape[0], actions.shape[1] - 1
+        step_limit = world[STEP_LIMIT]
         bad = False
         for row in range(first * length, min(last * length, cars)):
             bad |= not (np.isfinite(actions[row, 0]) and np.isfinite(actions[row, axle]))
         if bad:
-            return BAD_ACTION
+            for row in range(first * length, min(last * length, cars)):
+                if not (np.isfinite(actions[row, 0]) and np.isfinite(actions[row, axle])):
+                    block_start = row // length * block_size
+                    if not episode.is_over(rows[block_start : block_start + block_size], row % length, step_limit):
+                        return BAD_ACTION
         shared = access.shared(world)
-        rules, step_limit = shared.rules, world[STEP_LIMIT]
+        rules = shared.rules
         substeps = int(rules.substeps)
         scratch = np.zeros(size, rows.dtype)
-        seen = np.empty(entries * length, np.float32)
+        drawn = np.empty(uniforms)
         ended = 0
         for block in range(first, last):
             row = block * length
@@ -109,8 +164,9 @@ def _step(kind: Kind) -> Any:
             stored = rows[block * block_size : (block + 1) * block_size]
             for k in range(block_size):
                 scratch[k] = stored[k]
+            given = actions[row : row + here]
             for k in range(here):
-                keep_action(scratch, k, (actions[row + k, 0], actions[row + k, axle]))
+                keep_action(scratch, k, (given[k, 0], given[k, axle]))
             for k in range(length):
                 action = read_action(scratch, k)
                 front = limited(action.front, rules.steers_front)
@@ -120,6 +176,10 @@ def _step(kind: Kind) -> Any:
                 keep_action(scratch, k, (front, rear))
                 keep_command(scratch, k, command)
                 scratch[k + stage_column] = stage
+                scratch[k + waits_column] = xp.where(episode.is_over(scratch, k, step_limit), 1.0, 0.0)
+            waiting = 0
+            for k in range(here):
+                waiting += scratch[k + waits_column] > 0.0
             for _ in range(substeps):
                 for k in range(length):
                     command = read_command(scratch, k)
@@ -136,7 +196,17 @@ def _step(kind: Kind) -> Any:
                     access.world(scratch, k, shared),
                 )
                 access.keep_memory(scratch, k, memory)
-                keep_result(scratch, k, (reward, cost, code))
+                keep_result(scratch, k, (reward, cost))
+                scratch[k + end_column] = code
+            if waiting:
+                for k in range(here):
+                    if scratch[k + waits_column] > 0.0:
+                        if restarts:
+                            episode.begin(scratch, k, shared, drawn, generators[row + k])
+                        else:
+                            for j in range(block_columns):
+                                scratch[k + j * length] = stored[k + j * length]
+                        keep_result(scratch, k, (0.0, episode.cost(scratch, k, shared)))
             for k in range(block_size):
                 stored[k] = scratch[k]
 
@@ -151,107 +221,96 @@ def _step(kind: Kind) -> Any:
                     mine = access.world(scratch, k, shared)
                     ahead = preview(access.state(scratch, k), access.route(scratch, k), mine, time)
                     scratch[k + (seen_at + j) * length] = ahead
+            shown = scratch[shown_column:].view(np.float32)
             for j in range(entries):
+                per_scale, bound = access.scaling(world, j)
                 for k in range(length):
-                    seen[k + j * length] = access.entry(scratch[k + (seen_at + j) * length], scratch, k, world, j)
+                    value = scratch[k + (seen_at + j) * length]
+                    shown[k + j * length] = access.entry(value, scratch, k, per_scale, bound, j)
 
+            rewards, costs = values[0, row : row + here], values[1, row : row + here]
             for k in range(here):
-                values[0, row + k] = scratch[k + reward_column]
-                values[1, row + k] = scratch[k + cost_column]
-                code_number = int(scratch[k + code_column])
-                late = access.memory(scratch, k).steps >= step_limit
-                end[row + k] = code_number
-                flags[0, row + k] = code_number > 0
-                flags[1, row + k] = late
-                over = (code_number > 0) | late
-                flags[2, row + k] = over
-                ended += over
+                rewards[k] = scratch[k + reward_column]
+            for k in range(here):
+                costs[k] = scratch[k + cost_column]
+            ends = end[row : row + here]
+            terminated, truncated = flags[0, row : row + here], flags[1, row : row + here]
+            for k in range(here):
+                ends[k] = int(scratch[k + end_column])
+            for k in range(here):
+                terminated[k] = scratch[k + end_column] > 0.0
+            for k in range(here):
+                truncated[k] = access.memory(scratch, k).steps >= step_limit
+            for k in range(here):
+                ended += terminated[k] | truncated[k]
+            seen = observation[row : row + here]
+            for k in range(here):
                 for j in range(entries):
-                    observation[row + k, j] = seen[k + j * length]
+                    seen[k, j] = shown[k + j * length]
         return ended
 
     table = numba.float32[:, ::1]
     signature = numba.int64(
         number_type(kind)[::1],
         table,
+        numba.uint64[::1],
         table,
         numba.float64[:, ::1],
         numba.boolean[:, ::1],
         numba.int8[::1],
+        numba.boolean,
         numba.int64,
         numba.int64,
     )
-    return compiled.entry_point(step, signature, nogil=True)
+    return compiled.entry_point(step, signature, nogil=True, interleave=2 if length >= LONG else 0)
 
 
 @functools.cache
 def _beginning(kind: Kind) -> tuple[Any, Any]:
     """``start`` and ``look``."""
     xp, length, entries, access = kind.xp, kind.length, kind.entries, blocks.access(kind)
-    task, at = kind.task_class(), layout(kind)
-    block_size, uniforms = at.width * length, task.uniforms
+    task, episode = kind.task_class(), _episode(kind)
+    block_size, uniforms = layout(kind).width * length, task.uniforms
     observe, preview = xp.function(task.observe(xp)), xp.function(task.preview(xp))
-    start_law = xp.function(task.start(xp))
-    reference = xp.function(task.reference(xp))
-    outside = xp.function(corner_outside(xp))
-    keep_route = store(xp, len(task.Route._fields), at.route, length)
     times = preview_times(kind)
 
-    def show_row(block: Any, k: Any, world: Any, shared: Any, observation: Any) -> Any:
+    def show_row(block: Any, k: Any, world: Any, shared: Any, observation: Any) -> None:
         mine, state, memory = access.world(block, k, shared), access.state(block, k), access.memory(block, k)
         values = observe(state, memory, mine)
         for j in range(len(values)):
-            observation[j] = access.entry(values[j], block, k, world, j)
+            per_scale, bound = access.scaling(world, j)
+            observation[j] = access.entry(values[j], block, k, per_scale, bound, j)
         for j in range(len(values), entries):
             ahead = preview(state, memory.route, mine, world[times + j - len(values)])
-            observation[j] = access.entry(ahead, block, k, world, j)
-        return outside(state, reference(state, memory.route, mine), mine)
+            per_scale, bound = access.scaling(world, j)
+            observation[j] = access.entry(ahead, block, k, per_scale, bound, j)
 
     show = xp.function(show_row)
 
-    def start(
-        numbers: Any, mask: Any, generators: Any, observation: Any, values: Any, flags: Any, end: Any, whole: Any
-    ) -> int:
+    def start(numbers: Any, mask: Any, generators: Any, observation: Any, values: Any) -> None:
         world, rows = split(numbers)
         shared = access.shared(world)
         drawn = np.empty(uniforms)
-        over = 0
         for row in range(len(mask)):
             if mask[row]:
                 block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
-                for j in range(uniforms):
-                    drawn[j] = next_double(generators[row])
-                state, route = start_law(drawn, access.world(block, k, shared))
-                access.keep_state(block, k, state)
-                access.keep_memory(block, k, (0.0, 0.0, 0.0, 0.0))
-                keep_route(block, k, route)
-                values[1, row] = show(block, k, world, shared, observation[row])
-                over += flags[2, row]
-                flags[2, row] = False
-                end[row] = 0
-                if whole:
-                    values[0, row] = 0.0
-                    flags[0, row] = False
-                    flags[1, row] = False
-        return over
+                episode.begin(block, k, shared, drawn, generators[row])
+                show(block, k, world, shared, observation[row])
+                values[1, row] = episode.cost(block, k, shared)
 
     def look(numbers: Any, mask: Any, observation: Any, values: Any) -> None:
         world, rows = split(numbers)
         shared = access.shared(world)
         for row in range(len(mask)):
             if mask[row]:
-                block = rows[row // length * block_size : (row // length + 1) * block_size]
-                values[1, row] = show(block, row % length, world, shared, observation[row])
+                block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
+                show(block, k, world, shared, observation[row])
+                values[1, row] = episode.cost(block, k, shared)
 
     flat, mask_type, table = number_type(kind)[::1], numba.boolean[::1], numba.float32[:, ::1]
-    values_type, flags_type, end_type = numba.float64[:, ::1], numba.boolean[:, ::1], numba.int8[::1]
-    addresses = numba.uint64[::1]
+    values_type, addresses = numba.float64[:, ::1], numba.uint64[::1]
     return (
-        compiled.entry_point(
-            start,
-            numba.int64(flat, mask_type, addresses, table, values_type, flags_type, end_type, numba.boolean),
-            nogil=True,
-        ),
+        compiled.entry_point(start, numba.void(flat, mask_type, addresses, table, values_type), nogil=True),
         compiled.entry_point(look, numba.void(flat, mask_type, table, values_type), nogil=True),
     )
 

@@ -36,6 +36,8 @@ class Layout(NamedTuple):
 
     state: int
     kept: int
+    end: int
+    """The end code of the episode, 0 while it is running."""
     route: int
     car: int
     """Car, settings and scales stand in the block only where rows differ in them."""
@@ -76,11 +78,12 @@ class Kind(NamedTuple):
 def layout(kind: Kind) -> Layout:
     """The columns of a block."""
     kept = len(CarState._fields)
-    route = kept + len(KEPT)
+    end = kept + len(KEPT)
+    route = end + 1
     car = route + len(kind.task_class.Route._fields)
     settings = car + (len(Car._fields) if kind.varied else 0)
     scale = settings + (len(kind.task_class.Settings._fields) if kind.varied else 0)
-    return Layout(0, kept, route, car, settings, scale, scale + (kind.entries if kind.varied else 0))
+    return Layout(0, kept, end, route, car, settings, scale, scale + (kind.entries if kind.varied else 0))
 
 
 def shared_numbers(
@@ -129,8 +132,10 @@ class Access(NamedTuple):
     """``keep_state(block, k, state)``."""
     keep_memory: Any
     """``keep_memory(block, k, memory)``: all but the route, which stays the same."""
+    scaling: Any
+    """``scaling(world, j) -> (1 / scale, bound)`` of entry j of the observation, as all rows share them."""
     entry: Any
-    """``entry(value, block, k, world, j) -> float32``: entry j of the observation, scaled and clipped."""
+    """``entry(value, block, k, per_scale, bound, j) -> float32``: entry j of the observation, scaled and clipped."""
 
 
 LINE = 16  # numbers: at least a cache line
@@ -168,7 +173,7 @@ def access(kind: Kind) -> Access:
         def world(block: Any, k: Any, shared: Any) -> World:
             return World(own_car(block, k), shared.rules, own_settings(block, k))
 
-        def per_scale(block: Any, k: Any, world: Any, j: Any) -> Any:
+        def own_scale(block: Any, k: Any, per_scale: Any, j: Any) -> Any:
             return block[k + (at.scale + j) * length]
     else:
 
@@ -176,14 +181,16 @@ def access(kind: Kind) -> Access:
             same: World = shared
             return same
 
-        def per_scale(block: Any, k: Any, world: Any, j: Any) -> Any:
-            return world[scales + j]
+        def own_scale(block: Any, k: Any, per_scale: Any, j: Any) -> Any:
+            return per_scale
 
-    per_scale_of = xp.function(per_scale)
+    scale_of = xp.function(own_scale)
 
-    def entry(value: Any, block: Any, k: Any, world: Any, j: Any) -> Any:
-        bound = np.float32(world[bounds + j])
-        scaled = np.float32(value * per_scale_of(block, k, world, j))
+    def scaling(world: Any, j: Any) -> Any:
+        return world[scales + j], np.float32(world[bounds + j])
+
+    def entry(value: Any, block: Any, k: Any, per_scale: Any, bound: Any, j: Any) -> Any:
+        scaled = np.float32(value * scale_of(block, k, per_scale, j))
         return min(max(scaled, -bound), bound)
 
     return Access(
@@ -194,6 +201,7 @@ def access(kind: Kind) -> Access:
         xp.function(memory),
         store(xp, len(CarState._fields), at.state, length),
         store(xp, len(KEPT), at.kept, length),
+        xp.function(scaling),
         xp.function(entry),
     )
 

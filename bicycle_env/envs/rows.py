@@ -30,7 +30,9 @@ class Rows:
         self.blocks = -(-num_envs // kind.length)
         self._names = {
             name: column
-            for column, name in enumerate((*CarState._fields, *KEPT, *kind.task_class.Route._fields), start=at.state)
+            for column, name in enumerate(
+                (*CarState._fields, *KEPT, "end", *kind.task_class.Route._fields), start=at.state
+            )
         }
         shared = shared_numbers(
             first.car,

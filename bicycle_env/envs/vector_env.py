@@ -41,8 +41,6 @@ class VectorSnapshot(NamedTuple):
     """All that the future of a vector environment depends on."""
 
     rows: NDArray[Any]
-    over: NDArray[np.bool_]
-    end: NDArray[np.int8]
     generators: tuple[Any, ...]
 
 
@@ -117,7 +115,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._observation_shape = (self.num_envs, len(bound))
-        self._result_shapes = (self._observation_shape, (2, self.num_envs), (3, self.num_envs), self.num_envs)
+        self._value_shape = (2, self.num_envs)
         self._action_shape = (self.num_envs, self.configuration.axles)
 
         self._kind = blocks.Kind(
@@ -132,10 +130,9 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         )
         self._rows = Rows(self._kind, self.fleet, self.num_envs, self.max_episode_steps)
         self._everyone = np.ones(self.num_envs, dtype=np.bool_)
-        self._over = self._everyone.copy()
-        self._any_over = False
         self._started = False
-        self._end = np.zeros(self.num_envs, dtype=np.int8)
+        self._plain = self.autoreset_mode is not AutoresetMode.SAME_STEP and not self.telemetry
+        self._restarts = self.autoreset_mode is AutoresetMode.NEXT_STEP
         self._generators: list[np.random.Generator] = []
         self._addresses = np.zeros(0, dtype=np.uint64)
         self._bind()
@@ -176,19 +173,16 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         if not self._started and not np.all(mask):
             raise gym.error.ResetNeeded("the first reset() must start all rows: it takes no reset_mask")
         self._seed(seeds, mask)
-        observation, values, flags, end = self._new_results()
-        self._kernels.start(self._numbers, mask, self._addresses, observation, values, flags, end, True)
+        observation, values, _, _ = self._new_results()
+        self._kernels.start(self._numbers, mask, self._addresses, observation, values)
         if changes:
             self._rows.put(changes, mask)
         if self.staggered_start and masked is None and self.max_episode_steps is not None:
             spread = np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
             self._rows.put({"steps": spread.astype(np.float64)}, mask)
         self._started = True
-        self._over[mask] = False
-        self._any_over = bool(np.any(self._over))
-        self._end[mask] = 0
         self._kernels.look(self._numbers, self._everyone, observation, values)
-        return observation, self._info(self._end.copy(), values[1])
+        return observation, self._info(self._rows.column("end").astype(np.int8), values[1])
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """One control step of all rows; finite values outside [-1, 1] saturate.
@@ -214,36 +208,17 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         ):
             actions = converted_action(actions, self._action_shape, self.steer)
         observation, values, flags, end = self._new_results()
-        held = saved = None
-        if self._any_over and self.autoreset_mode is AutoresetMode.DISABLED:
-            held = self._over.copy()
-            saved = self._rows.copy_of(held)
         ended = self._run(actions, observation, values, flags, end)
-        bad = None
         if ended < 0:
-            finite = np.isfinite(actions)
-            bad = ~np.all(finite, axis=1) & ~self._over  # a row that is waiting takes no action
-            if self.on_invalid == "raise" and np.any(bad):
-                row = int(np.argmax(bad))
-                raise ValueError(f"actions must be finite, nominally in [-1, 1]; row {row} has {actions[row]}")
-            spoiled = self._rows.copy_of(bad)
-            ended = self._run(np.where(finite, actions, FLOAT32.type(0.0)), observation, values, flags, end)
-            self._rows.put_back(spoiled, bad)
-            self._kernels.look(self._numbers, bad, observation, values)
-            values[0, bad] = self._forfeit(bad)
-            flags[0, bad], flags[1, bad], flags[2, bad], end[bad] = True, False, True, INVALID_ACTION
-        if held is not None and saved is not None:
-            self._rows.put_back(saved, held)
-            self._kernels.look(self._numbers, held, observation, values)
-            values[0, held], end[held] = 0.0, self._end[held]
-            flags[0, held], flags[1, held], flags[2, held] = self._end[held] > 0, self._late()[held], True
-        if ended or bad is not None or self._any_over or self.telemetry:
-            if bad is not None or held is not None:
-                ended = int(np.count_nonzero(flags[2]))
-            return self._finished(observation, values, flags, end, ended)
-        here = self._everyone.copy()
-        cost = values[1]
-        return observation, values[0], flags[0], flags[1], {"end": end, "cost": cost, "_end": here, "_cost": here}
+            ended = self._run_without(~np.all(np.isfinite(actions), axis=1), actions, observation, values, flags, end)
+        if self._plain or (not ended and not self.telemetry):
+            here = self._everyone.copy()
+            info = {"end": end, "cost": values[1], "_end": here, "_cost": here}
+            return observation, values[0], flags[0], flags[1], info
+        more: dict[str, Any] = {}
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and ended:
+            more = self._restarted(flags[0] | flags[1], observation, values, end)
+        return observation, values[0], flags[0], flags[1], {**self._info(end, values[1]), **more}
 
     def close_extras(self, **_: Any) -> None:
         """Stop the threads."""
@@ -262,7 +237,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     @property
     def is_success(self) -> NDArray[np.bool_]:
         """(num_envs,): running, and settled for the last second; at a time-out, a success."""
-        return np.asarray((self._rows.column("settled_steps") >= self.configuration.steps_to_settle) & (self._end == 0))
+        return np.asarray(self._settled & (self._rows.column("end") == 0))
 
     @property
     def np_random_generators(self) -> tuple[np.random.Generator, ...]:
@@ -280,7 +255,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         if not self._started:
             raise gym.error.ResetNeeded("call reset() before snapshot()")
         states = tuple(generator.bit_generator.state for generator in self._generators)
-        return VectorSnapshot(self._rows.episodes.copy(), self._over.copy(), self._end.copy(), states)
+        return VectorSnapshot(self._rows.episodes.copy(), states)
 
     def restore(self, snapshot: VectorSnapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observations there."""
@@ -291,8 +266,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         for generator, state in zip(self._generators, snapshot.generators, strict=True):
             generator.bit_generator.state = state
         self._rows.episodes[:] = snapshot.rows
-        self._over, self._end = snapshot.over.copy(), snapshot.end.copy()
-        self._any_over, self._started = bool(np.any(self._over)), True
+        self._started = True
         results = self._new_results()
         self._kernels.look(self._numbers, self._everyone, *results[:2])
         observation: NDArray[np.float32] = results[0]
@@ -302,55 +276,70 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     def _fits(self, snapshot: VectorSnapshot) -> bool:
         mine, theirs = self._rows.episodes, snapshot.rows
-        return (mine.shape, mine.dtype, self._over.shape) == (theirs.shape, theirs.dtype, snapshot.over.shape)
+        return (mine.shape, mine.dtype, self.num_envs) == (theirs.shape, theirs.dtype, len(snapshot.generators))
 
     def _new_results(self) -> tuple[Any, Any, Any, Any]:
-        """Observation, values (reward, cost), flags (terminated, truncated, either) and end codes of a step."""
-        shapes = self._result_shapes
-        return np.empty(shapes[0], FLOAT32), np.empty(shapes[1]), np.empty(shapes[2], BOOL), np.empty(shapes[3], INT8)
+        """Observation, values (reward, cost), flags (terminated, truncated) and end codes of a step."""
+        return (
+            np.empty(self._observation_shape, FLOAT32),
+            np.empty(self._value_shape),
+            np.empty(self._value_shape, BOOL),
+            np.empty(self.num_envs, INT8),
+        )
 
     def _run(self, actions: Any, observation: Any, values: Any, flags: Any, end: Any) -> int:
+        arguments = (self._numbers, actions, self._addresses, observation, values, flags, end, self._restarts)
         if self._pool is None:
-            return self._step(self._numbers, actions, observation, values, flags, end, 0, self._blocks)
-        arguments = (self._numbers, actions, observation, values, flags, end)
-        if not np.all(np.isfinite(actions)):  # before any thread changes anything
+            return self._step(*arguments, 0, self._blocks)
+        finite = np.isfinite(actions)
+        if not np.all(finite) and np.any(~np.all(finite, axis=1) & ~self._over):  # before any thread changes anything
             return block_kernels.BAD_ACTION
         others = [self._pool.submit(self._step, *arguments, first, last) for first, last in self._parts[1:]]
         first, last = self._parts[0]
         return self._step(*arguments, first, last) + sum(other.result() for other in others)
 
-    def _finished(
-        self, observation: Any, values: Any, flags: Any, end: Any, ended: int
-    ) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """What follows a step in which some row ended, or that some row was waiting for."""
-        more: dict[str, Any] = {}
-        results = (observation, values, flags, end)
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._any_over:
-            ended -= self._kernels.start(self._numbers, self._over, self._addresses, *results, True)
-        self._over, self._any_over = flags[2], ended > 0
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and ended:
-            over = flags[2].copy()
-            more["final_obs"], more["_final_obs"] = observation.copy(), over
-            more["final_info"] = self._info(end.copy(), values[1].copy(), over)
-            more["_final_info"] = over.copy()
-            self._kernels.start(self._numbers, over, self._addresses, *results, False)
-            self._any_over = False
-        self._end = end.copy()
-        return observation, values[0], flags[0], flags[1], {**self._info(end, values[1]), **more}
+    def _run_without(self, bad: Any, actions: Any, observation: Any, values: Any, flags: Any, end: Any) -> int:
+        """A step of which some rows' actions are not finite: refused, or the end of those rows' episodes."""
+        bad &= ~self._over  # a row that is waiting takes no action
+        if self.on_invalid == "raise":
+            row = int(np.argmax(bad))
+            raise ValueError(f"actions must be finite, nominally in [-1, 1]; row {row} has {actions[row]}")
+        spoiled = self._rows.copy_of(bad)
+        finite = np.where(np.isfinite(actions), actions, FLOAT32.type(0.0))
+        self._run(finite, observation, values, flags, end)
+        self._rows.put_back(spoiled, bad)
+        self._rows.put({"end": INVALID_ACTION}, bad)
+        self._kernels.look(self._numbers, bad, observation, values)
+        values[0, bad] = self._forfeit(bad)
+        flags[0, bad], flags[1, bad], end[bad] = True, False, INVALID_ACTION
+        return int(np.count_nonzero(flags[0] | flags[1]))
+
+    def _restarted(self, over: Any, observation: Any, values: Any, end: Any) -> dict[str, Any]:
+        """Start the rows that have ended, in the same step; their last observation and info."""
+        final_info = self._info(end.copy(), values[1].copy(), over)
+        final = {"final_obs": observation.copy(), "_final_obs": over, "final_info": final_info}
+        self._kernels.start(self._numbers, over, self._addresses, observation, values)
+        end[over] = 0
+        return {**final, "_final_info": over.copy()}
+
+    @property
+    def _over(self) -> NDArray[np.bool_]:
+        """(num_envs,): the rows whose episode has ended."""
+        limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
+        return np.asarray((self._rows.column("end") > 0) | (self._rows.column("steps") >= limit))
+
+    @property
+    def _settled(self) -> NDArray[np.bool_]:
+        return np.asarray(self._rows.column("settled_steps") >= self.configuration.steps_to_settle)
 
     def _info(self, end: Any, cost: Any, rows: Any = None) -> dict[str, Any]:
         info = {"end": end, "cost": cost}
         if self.telemetry:
             info |= telemetry(self.state, self.measure(), self.fleet.car)
         if self.telemetry or rows is not None:  # a row that has begun its next episode cannot be asked any more
-            info["is_success"] = (self._rows.column("settled_steps") >= self.configuration.steps_to_settle) & (end == 0)
+            info["is_success"] = self._settled & (end == 0)
         here = self._everyone.copy() if rows is None else rows.copy()
         return {**info, **{f"_{name}": here for name in info}}
-
-    def _late(self) -> Any:
-        """(num_envs,): whether the time is over."""
-        limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
-        return self._rows.column("steps") >= limit
 
     def _forfeit(self, rows: Any) -> Any:
         """What an invalid action costs: with the quadratic reward, all steps that are left at the worst."""

@@ -17,9 +17,11 @@ from collections.abc import Callable, Iterator
 from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
+import llvmlite.binding
 import numba
 import numpy as np
 from numba.core.caching import FunctionCache
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
 from bicycle_env.physics import elementary
@@ -72,24 +74,41 @@ def in_single_precision(law: Callable[..., Any]) -> Any:
 NUMBA_FLOAT32: elementary.Namespace = elementary.namespace("numba_float32", _choose, np.floor, in_single_precision)
 
 
-def entry_point(function: Callable[..., Any], signature: Any, nogil: bool = False) -> Callable[..., Any]:
+def entry_point(
+    function: Callable[..., Any], signature: Any, nogil: bool = False, interleave: int = 0
+) -> Callable[..., Any]:
     """Compile a function for one signature, or load it from the cache on disk; see :func:`progress`.
 
-    `nogil`: other threads may run beside it. Raises RuntimeError where NUMBA_DISABLE_JIT is set: the entry points use
-    what only compiled code can.
+    `nogil`: other threads may run beside it. `interleave`: how many vectors of rows its loops take at a time, which
+    fills the waiting of one with the work of another; 0 leaves it to the compiler. Raises RuntimeError where
+    NUMBA_DISABLE_JIT is set: the entry points use what only compiled code can.
     """
     if numba.config.DISABLE_JIT:
         raise RuntimeError("bicycle_env needs numba's compiler, and NUMBA_DISABLE_JIT is set: unset it")
-    content = digest(function) + ("-nogil" if nogil else "")  # numba's key does not know the flags
+    content = digest(function) + ("-nogil" if nogil else "") + f"-{interleave}"  # numba's key does not know them
     # One file per content: two processes that compile different variants never write the same file.
     function.__qualname__ = f"{function.__name__}-{content[:20]}"
     dispatcher: Any = numba.njit(function, nogil=nogil, **COMMON)
     with contextlib.suppress(RuntimeError):  # no writable folder: compile in every process
         dispatcher._cache = _ContentCache(function, content)
-    dispatcher.compile(signature)
+    with _interleaved(interleave):
+        dispatcher.compile(signature)
     dispatcher.disable_compile()
     compiled: Callable[..., Any] = dispatcher
     return compiled
+
+
+@contextlib.contextmanager
+def _interleaved(count: int) -> Iterator[None]:
+    """LLVM takes this wish for the whole process only: nobody else compiles meanwhile."""
+    with global_compiler_lock:
+        try:
+            if count:
+                llvmlite.binding.set_option("", f"-force-vector-interleave={count}")
+            yield
+        finally:
+            if count:
+                llvmlite.binding.set_option("", "-force-vector-interleave=0")
 
 
 class _ContentCache(FunctionCache):  # type: ignore[misc]

@@ -23,10 +23,12 @@ def bounded_reward(xp: Any) -> Callable[..., Any]:
         rules, car = world.rules, world.car
         lateral = state.lateral_position - reference.lateral_position
         heading = state.heading - reference.heading
-        sideslip = state.lateral_velocity / car.speed
+        # Reciprocals of what stays the same during an episode: the compiler moves them out of a loop over cars.
+        per_speed, per_front, per_rear = 1.0 / car.speed, 1.0 / car.front_angle_limit, 1.0 / car.rear_angle_limit
+        sideslip = state.lateral_velocity * per_speed
         front, rear = action
-        front_change = front - memory.front_steer_command / car.front_angle_limit
-        rear_change = rear - memory.rear_steer_command / car.rear_angle_limit
+        front_change = front - memory.front_steer_command * per_front
+        rear_change = rear - memory.rear_steer_command * per_rear
         # One chain that starts from a number: in a sum of two products the compiler may fuse either with the addition,
         # and one car would not have the bits of many.
         return 1.0 / (
