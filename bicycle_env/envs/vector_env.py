@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar, NamedTuple
 
@@ -32,6 +32,8 @@ BOOL, INT8 = np.dtype(np.bool_), np.dtype(np.int8)
 MODES = {mode.value: mode for mode in AutoresetMode}
 FEWEST_PER_THREAD = 512
 """Rows below which another thread costs more than it brings."""
+PARTS_PER_THREAD = 8
+"""Threads take parts until none is left: one that the machine holds up leaves more to the others."""
 MOST_THREADS = 1024
 MOST_STEPS = {"float64": 10**9, "float32": 2**24}
 """float32 counts no further."""
@@ -143,9 +145,11 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._numbers, self._blocks = self._rows.numbers, self._rows.blocks
         most = max(1, self.num_envs // FEWEST_PER_THREAD)
         count = min(self.threads, most, self._blocks)
-        edges = np.linspace(0, self._blocks, count + 1).astype(int).tolist()
+        parts = 1 if count == 1 else min(PARTS_PER_THREAD * count, most, self._blocks)
+        edges = np.linspace(0, self._blocks, parts + 1).astype(int).tolist()
         self._parts = list(itertools.pairwise(edges))
-        self._pool = ThreadPoolExecutor(count - 1) if count > 1 else None
+        self._helpers = count - 1
+        self._pool = ThreadPoolExecutor(self._helpers) if self._helpers else None
 
     # Gymnasium's interface
 
@@ -294,9 +298,13 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         finite = np.isfinite(actions)
         if not np.all(finite) and np.any(~np.all(finite, axis=1) & ~self._over):  # before any thread changes anything
             return block_kernels.BAD_ACTION
-        others = [self._pool.submit(self._step, *arguments, first, last) for first, last in self._parts[1:]]
-        first, last = self._parts[0]
-        return self._step(*arguments, first, last) + sum(other.result() for other in others)
+        parts = iter(self._parts)
+        others = [self._pool.submit(self._take, parts, arguments) for _ in range(self._helpers)]
+        return self._take(parts, arguments) + sum(other.result() for other in others)
+
+    def _take(self, parts: Iterator[tuple[int, int]], arguments: tuple[Any, ...]) -> int:
+        """Step the blocks of one part after the other, as long as there are any."""
+        return sum(self._step(*arguments, first, last) for first, last in parts)
 
     def _run_without(self, bad: Any, actions: Any, observation: Any, values: Any, flags: Any, end: Any) -> int:
         """A step of which some rows' actions are not finite: refused, or the end of those rows' episodes."""
@@ -362,7 +370,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions, threads and addresses stay in their process: all are made anew.
-        left = ("_kernels", "_step", "_pool", "_parts", "_addresses", "_numbers", "_blocks")
+        left = ("_kernels", "_step", "_pool", "_helpers", "_parts", "_addresses", "_numbers", "_blocks")
         return {name: value for name, value in self.__dict__.items() if name not in left}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

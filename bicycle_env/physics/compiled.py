@@ -71,7 +71,9 @@ def in_single_precision(law: Callable[..., Any]) -> Any:
     return inlined(FunctionType(code, scope, function.__name__, _single(function.__defaults__), cells or None))
 
 
-NUMBA_FLOAT32: elementary.Namespace = elementary.namespace("numba_float32", _choose, np.floor, in_single_precision)
+NUMBA_FLOAT32: elementary.Namespace = elementary.namespace(
+    "numba_float32", _choose, np.floor, in_single_precision, rounding=2.0**-24
+)
 
 
 def entry_point(

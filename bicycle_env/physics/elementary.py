@@ -7,8 +7,8 @@ loop over many cars vectorises (library calls would stop it: SVML is not in the 
 
 All functions are branch-free. The odd ones are computed on ``|x|`` and mirrored, which makes them odd to the bit, and
 with them the mirror symmetry of the car. Absolute error for |x| <= 30: at most 3e-15 (a test holds it).
-The coefficients come from tools/fit_elementary.py; the sums are arranged in pairs (Estrin) because one car alone waits
-for each result, and a chain of eleven multiply-adds is a long wait.
+The coefficients come from tools/fit_elementary.py; single precision takes the first few of them. The sums are arranged
+in pairs (Estrin) because one car alone waits for each result, and a chain of eleven multiply-adds is a long wait.
 """
 
 from __future__ import annotations
@@ -140,28 +140,57 @@ def sign_of(xp: Any) -> Callable[[Any], Any]:
     return sign_of
 
 
-def near_sin(_: Any) -> Callable[[Any], Any]:
+def polynomial(xp: Any, coefficients: tuple[float, ...]) -> Callable[[Any], Any]:
+    """``c0 + c1 z + c2 z^2 + ...``, in groups of four terms whose parts do not wait for each other (Estrin)."""
+    if len(coefficients) > 4:
+        first, rest = xp.function(polynomial(xp, coefficients[:4])), xp.function(polynomial(xp, coefficients[4:]))
+
+        def p(z: Any) -> Any:
+            z2 = z * z
+            return first(z) + (z2 * z2) * rest(z)
+
+        return p
+    if len(coefficients) == 1:
+        (c0,) = coefficients
+        return lambda _: c0
+    if len(coefficients) == 2:
+        c0, c1 = coefficients
+        return lambda z: c0 + z * c1
+    if len(coefficients) == 3:
+        c0, c1, c2 = coefficients
+        return lambda z: (c0 + z * c1) + (z * z) * c2
+    c0, c1, c2, c3 = coefficients
+    return lambda z: (c0 + z * c1) + (z * z) * (c2 + z * c3)
+
+
+def needed(coefficients: tuple[float, ...], largest: float, rounding: float) -> tuple[float, ...]:
+    """The first terms of a polynomial p; z p(z), |z| <= `largest`, stands beside 1, and the rest is rounding."""
+    left_out = 0.0
+    for power in reversed(range(len(coefficients))):
+        left_out += abs(coefficients[power]) * largest ** (power + 1)
+        if left_out > rounding:
+            return coefficients[: power + 1]
+    return coefficients[:1]
+
+
+def near_sin(xp: Any) -> Callable[[Any], Any]:
     """sin r for |r| <= pi/2."""
+    p = xp.function(polynomial(xp, needed(SIN, PI_2 * PI_2, xp.rounding)))
 
     def near_sin(r: Any) -> Any:
         z = r * r
-        z2 = z * z
-        low = (SIN[0] + z * SIN[1]) + z2 * (SIN[2] + z * SIN[3])
-        high = (SIN[4] + z * SIN[5]) + z2 * (SIN[6] + z * SIN[7])
-        return r + (r * z) * (low + (z2 * z2) * high)
+        return r + (r * z) * p(z)
 
     return near_sin
 
 
-def near_cos(_: Any) -> Callable[[Any], Any]:
+def near_cos(xp: Any) -> Callable[[Any], Any]:
     """cos r for |r| <= pi/2."""
+    p = xp.function(polynomial(xp, needed((-0.5, *COS), PI_2 * PI_2, xp.rounding)[1:]))
 
     def near_cos(r: Any) -> Any:
         z = r * r
-        z2 = z * z
-        low = (COS[0] + z * COS[1]) + z2 * (COS[2] + z * COS[3])
-        high = (COS[4] + z * COS[5]) + z2 * COS[6]
-        return (1.0 - 0.5 * z) + z2 * (low + (z2 * z2) * high)
+        return (1.0 - 0.5 * z) + (z * z) * p(z)
 
     return near_cos
 
@@ -195,6 +224,8 @@ def tan(xp: Any) -> Callable[[Any], Any]:
 
 
 def atan(xp: Any) -> Callable[[Any], Any]:
+    p = xp.function(polynomial(xp, needed(ATAN, TAN_PI_8 * TAN_PI_8, xp.rounding)))
+
     def atan(x: Any) -> Any:
         size = abs(x)
         middle = size > TAN_PI_8
@@ -204,29 +235,20 @@ def atan(xp: Any) -> Callable[[Any], Any]:
         below = xp.where(steep, size, xp.where(middle, size + 1.0, 1.0))
         t = above / below
         z = t * t
-        z2 = z * z
-        z4 = z2 * z2
-        low = (ATAN[0] + z * ATAN[1]) + z2 * (ATAN[2] + z * ATAN[3])
-        middle_part = (ATAN[4] + z * ATAN[5]) + z2 * (ATAN[6] + z * ATAN[7])
-        high = (ATAN[8] + z * ATAN[9]) + z2 * ATAN[10]
-        p = (t * z) * (low + z4 * (middle_part + z4 * high))
         offset = xp.where(steep, PI_2, xp.where(middle, PI_4, 0.0 * t))
-        angle = offset + (t + p)
+        angle = offset + (t + (t * z) * p(z))
         return xp.where(x < 0.0, -angle, angle)
 
     return atan
 
 
 def tanh(xp: Any) -> Callable[[Any], Any]:
+    p = xp.function(polynomial(xp, needed(EXPM1, TANH_IS_ONE / 32.0, xp.rounding)))
+
     def tanh(x: Any) -> Any:
         # tanh = (e - 1) / (e + 1) with e = exp 2|x|; expm1 of 2|x|/64 by polynomial, then doubled six times.
         y = xp.where(abs(x) > TANH_IS_ONE, TANH_IS_ONE, abs(x)) * 0.03125
-        y2 = y * y
-        y4 = y2 * y2
-        low = (EXPM1[0] + y * EXPM1[1]) + y2 * (EXPM1[2] + y * EXPM1[3])
-        middle = (EXPM1[4] + y * EXPM1[5]) + y2 * (EXPM1[6] + y * EXPM1[7])
-        high = (EXPM1[8] + y * EXPM1[9]) + y2 * EXPM1[10]
-        e = y + y2 * (low + y4 * (middle + y4 * high))
+        e = y + (y * y) * p(y)
         e = e * (e + 2.0)
         e = e * (e + 2.0)
         e = e * (e + 2.0)
@@ -244,13 +266,14 @@ def namespace(
     where: Callable[..., Any],
     floor: Callable[..., Any],
     function: Callable[[Any], Any] = lambda law: law,
+    rounding: float = 2.0**-53,
 ) -> Any:
-    """Build a :class:`Namespace` from a backend's elementwise choice and floor.
+    """Build a :class:`Namespace` from a backend's elementwise choice and floor; `rounding`: the relative one.
 
     It is a module object because numba reads attributes of modules, and of nothing else, while it compiles.
     """
     xp: Any = ModuleType(f"{__name__}.{name}")
-    xp.function = function
+    xp.function, xp.rounding = function, rounding
     xp.where = where
     xp.floor = floor
     xp.minimum = function(minimum(xp))
