@@ -222,4 +222,5 @@ def test_a_coarse_namespace_leaves_out_what_it_cannot_tell_apart(name):
     coarse = elementary.namespace("coarse", np.where, np.floor, rounding=2.0**-24)
     x = np.linspace(0.0, 8.0 if name == "tanh" else np.pi / 2, 20001)
     error = np.max(abs(getattr(coarse, name)(x) - getattr(NUMPY, name)(x)))
-    assert 1e-15 < error < 2.0**-23
+    assert error < 2.0**-23
+    assert (error > 1e-10) == (name != "tanh")  # which is 1 where its last terms count
