@@ -8,7 +8,7 @@ from pathlib import Path
 from bicycle_env import plots
 
 ROOT = Path(__file__).parent.parent
-BYTES = {"linear": 2 * 88 + 32 + 8 + 16 + 4}
+BYTES = {"linear": 2 * 96 + 32 + 8 + 16 + 3}
 """Read and written per row and step: the block twice, observation, action, reward and cost, flags and end."""
 PEERS = ("CartPoleVectorEnv", "envpool Pendulum-v1")
 

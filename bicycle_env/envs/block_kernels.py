@@ -20,6 +20,7 @@ from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layou
 from bicycle_env.envs.draws import next_double
 from bicycle_env.physics import compiled
 from bicycle_env.physics.single_track import Axles, axles
+from bicycle_env.physics.tires import Linear
 from bicycle_env.tasks.ends import corner_outside
 from bicycle_env.tasks.task import Reference
 from bicycle_env.tasks.transition import stages
@@ -28,7 +29,10 @@ BAD_ACTION = -1
 """What ``step`` returns for an action that is not finite; nothing has changed then."""
 
 LONG = 64
-"""Rows a block from which on the compiler takes twice as many cars at a time as fit into a vector register."""
+"""Rows a block from which on the compiler takes twice as many cars at a time as fit into a vector register.
+
+Not with the linear tire and small angles, which have nothing to wait for.
+"""
 
 
 class Kernels(NamedTuple):
@@ -262,7 +266,8 @@ def _step(kind: Kind) -> Any:
         numba.int64,
         numba.int64,
     )
-    return compiled.entry_point(step, signature, nogil=True, interleave=2 if length >= LONG else 0)
+    waits = kind.geometry == "exact" or not isinstance(kind.tire, Linear)
+    return compiled.entry_point(step, signature, nogil=True, interleave=2 if waits and length >= LONG else 0)
 
 
 @functools.cache
