@@ -102,17 +102,24 @@ def lane_change_ppo() -> str:
     return learning("BicycleLaneChange-v0-ppo.json", LANE_CHANGE)
 
 
-def controllers_stab() -> str:
-    result = read("controllers_stab.json")
+def controllers(file: str, columns: list[tuple[str, str, float, str]]) -> str:
+    result = read(file)
     lines = [
-        "| 200 starts, the same for all | " + " | ".join(heading for _, heading, _, _ in STAB) + " |",
-        "|---" * (len(STAB) + 1) + "|",
+        "| 200 starts, the same for all | " + " | ".join(heading for _, heading, _, _ in columns) + " |",
+        "|---" * (len(columns) + 1) + "|",
     ]
     for name, row in result["policies"].items():
-        lines.append(
-            f"| `{name}` | " + " | ".join(cell(row, key, factor, form) for key, _, factor, form in STAB) + " |"
-        )
-    return "\n".join([*lines, "", made(result, "`results/controllers_stab.json`. In brackets: 95 % intervals.")])
+        cells = [cell(row, key, factor, form) for key, _, factor, form in columns]
+        lines.append(f"| `{name}` | " + " | ".join(cells) + " |")
+    return "\n".join([*lines, "", made(result, f"`results/{file}`. In brackets: 95 % intervals.")])
+
+
+def controllers_stab() -> str:
+    return controllers("controllers_stab.json", STAB)
+
+
+def controllers_lane_change() -> str:
+    return controllers("controllers_lane_change.json", LANE_CHANGE)
 
 
 def speed() -> str:
@@ -158,7 +165,17 @@ def room() -> str:
 
 
 TABLES = {
-    function.__name__: function for function in (demo, stab_ppo, lane_change_ppo, speed, vector, room, controllers_stab)
+    function.__name__: function
+    for function in (
+        demo,
+        stab_ppo,
+        lane_change_ppo,
+        speed,
+        vector,
+        room,
+        controllers_stab,
+        controllers_lane_change,
+    )
 }
 
 
