@@ -147,6 +147,8 @@ def _step(kind: Kind) -> Any:
         world, rows = split(numbers)
         cars, axle = actions.shape[0], actions.shape[1] - 1
         step_limit = world[STEP_LIMIT]
+
+        # Before anything changes: are the actions good?
         bad = False
         for row in range(first * length, min(last * length, cars)):
             bad |= not (np.isfinite(actions[row, 0]) and np.isfinite(actions[row, axle]))
@@ -156,6 +158,7 @@ def _step(kind: Kind) -> Any:
                     block_start = row // length * block_size
                     if not episode.is_over(rows[block_start : block_start + block_size], row % length, step_limit):
                         return BAD_ACTION
+
         shared = access.shared(world)
         rules = shared.rules
         substeps = int(rules.substeps)
@@ -163,6 +166,7 @@ def _step(kind: Kind) -> Any:
         drawn = np.empty(uniforms)
         ended = 0
         for block in range(first, last):
+            # A block of cars and their actions come into the scratch.
             row = block * length
             here = min(length, cars - row)
             stored = rows[block * block_size : (block + 1) * block_size]
@@ -171,6 +175,8 @@ def _step(kind: Kind) -> Any:
             given = actions[row : row + here]
             for k in range(here):
                 keep_action(scratch, k, (given[k, 0], given[k, axle]))
+
+            # The step, in the three parts of tasks/transition.py.
             for k in range(length):
                 action = read_action(scratch, k)
                 front = limited(action.front, rules.steers_front)
@@ -181,9 +187,6 @@ def _step(kind: Kind) -> Any:
                 keep_command(scratch, k, command)
                 scratch[k + stage_column] = stage
                 scratch[k + waits_column] = xp.where(episode.is_over(scratch, k, step_limit), 1.0, 0.0)
-            waiting = 0
-            for k in range(here):
-                waiting += scratch[k + waits_column] > 0.0
             for _ in range(substeps):
                 for k in range(length):
                     command = read_command(scratch, k)
@@ -202,6 +205,11 @@ def _step(kind: Kind) -> Any:
                 access.keep_memory(scratch, k, memory)
                 keep_result(scratch, k, (reward, cost))
                 scratch[k + end_column] = code
+
+            # Cars that have been waiting do not take it: they start anew, or stay as they were.
+            waiting = 0
+            for k in range(here):
+                waiting += scratch[k + waits_column] > 0.0
             if waiting:
                 for k in range(here):
                     if scratch[k + waits_column] > 0.0:
@@ -214,6 +222,7 @@ def _step(kind: Kind) -> Any:
             for k in range(block_size):
                 stored[k] = scratch[k]
 
+            # What is seen: values, scaled and clipped to float32, column by column.
             for k in range(length):
                 mine = access.world(scratch, k, shared)
                 seen_values = observe(access.state(scratch, k), access.memory(scratch, k), mine)
@@ -232,6 +241,7 @@ def _step(kind: Kind) -> Any:
                     value = scratch[k + (seen_at + j) * length]
                     shown[k + j * length] = access.entry(value, scratch, k, per_scale, bound, j)
 
+            # The results go out, through slices whose indices count from 0.
             rewards, costs = values[0, row : row + here], values[1, row : row + here]
             for k in range(here):
                 rewards[k] = scratch[k + reward_column]
