@@ -1,6 +1,7 @@
 """The recoverable set: no controller saves what is outside, its own steering saves what is inside, it converges."""
 
 import math
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -11,6 +12,7 @@ import bicycle_env
 from bicycle_env import analysis, control, simulate, tires, vehicles
 from bicycle_env.control.design import continuous_gain
 
+DATA = Path(__file__).parents[1] / "data"
 CAR = vehicles["oversteer"]
 SPEED = 1.3 * CAR.critical_speed
 PUBLISHED = {"tire": "tanh", "friction": 0.9, "steer_limits": (0.1, 0.1)}
@@ -182,27 +184,34 @@ def test_its_own_steering_keeps_the_lane(lane):
         assert np.max(np.abs(run["lateral_position"])) <= 1.75
 
 
-def test_no_start_that_lqr_saves_in_the_environment_lies_outside():
-    """With the environment's lane, angle limits and time; beyond half a cell of the edge."""
-    env = gym.make("BicycleStab-v0", telemetry=True)
-    plant = env.unwrapped
-    limits = (plant.front_actuator.angle_limit, plant.rear_actuator.angle_limit)
-    bound = analysis.recoverable_set(
+@pytest.fixture(scope="module")
+def bound_of_the_environment():
+    """Of BicycleStab-v0, with its lane, angle limits and time."""
+    plant = gym.make("BicycleStab-v0").unwrapped
+    return analysis.recoverable_set(
         plant.vehicle,
         plant.speed,
         plant.tire,
-        steer_limits=limits,
+        steer_limits=(plant.front_actuator.angle_limit, plant.rear_actuator.angle_limit),
         lane=1.75 + 0.5 * plant.vehicle.body_width,
         horizon=8.0,
         lane_grid=(41, 41, 21, 13),
     )
-    lqr = control.make("lqr", plant)
+
+
+@pytest.mark.parametrize("policy", ["lqr", "ppo_stab"])
+def test_no_start_that_a_policy_saves_in_the_environment_lies_outside(bound_of_the_environment, policy):
+    """LQR, and a policy that `make demo` trained (tests/data/ppo_stab); beyond half a cell of the edge."""
+    bound = bound_of_the_environment
+    env = gym.make("BicycleStab-v0", telemetry=True)
+    plant = env.unwrapped
+    driver = control.load(DATA / policy) if (DATA / policy).is_dir() else control.make(policy, plant)
     states, saved = [], []
     for seed in range(100):
         observation, _ = env.reset(seed=seed)
         state, over = plant.state, False
         while not over:
-            observation, _, terminated, truncated, _ = env.step(lqr.act(observation))
+            observation, _, terminated, truncated, _ = env.step(driver.act(observation))
             over = terminated or truncated
         states.append((state.lateral_velocity, state.yaw_rate, state.heading, state.lateral_position))
         saved.append(plant.is_success)
