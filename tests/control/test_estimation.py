@@ -217,6 +217,21 @@ def test_on_the_linear_car_lqg_is_lqr(env_id, steer):
         assert not terminated
 
 
+def test_lqg_acts_on_what_it_measures_now():
+    """A gust that no prediction knew of moves the wheels in the same step, by the filter's gain."""
+    car = plant(tire="linear")
+    policy, still = LQG(car), np.zeros(len(car.observation_names))
+    policy.reset()
+    assert not np.any(policy.act(still))
+    blown = still.copy()
+    k = car.observation_names.index("yaw_rate")
+    blown[k] = 0.01 / car.observation_scale[k]
+    measured = np.array([0.01, policy.filter.C[1, 1] * 0.01])
+    expected = -policy.gain[:, 2:4] @ (policy.filter.gain @ measured)
+    assert np.all(abs(expected) > 1e-3)
+    np.testing.assert_allclose(policy.act(blown), expected, rtol=1e-5)
+
+
 def test_it_holds_a_car_that_would_spin_with_noisy_sensors():
     car = plant()
     policy = LQG(car, sensor_noise=Noise(), seed=3)
