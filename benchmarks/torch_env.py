@@ -10,7 +10,6 @@ end of each round only. Each keeps its best round.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -23,6 +22,7 @@ import torch._inductor.config
 
 from bicycle_env import provenance
 from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.files import write_json
 
 ENV_ID = "BicycleStab-v0"
 SIZES = (1, 64, 1024, 16384, 131072)
@@ -131,7 +131,7 @@ def main() -> int:
             "threads": 1,
             "rows": rows,
         }
-        options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_json(options.json, result)
     return 0
 
 

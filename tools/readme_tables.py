@@ -119,7 +119,8 @@ def controllers_stab() -> str:
 
 
 def controllers_lane_change() -> str:
-    return controllers("controllers_lane_change.json", LANE_CHANGE)
+    sideslip = STAB[2]
+    return controllers("controllers_lane_change.json", [*LANE_CHANGE[:-1], sideslip])
 
 
 def speed() -> str:
@@ -149,6 +150,21 @@ def vector() -> str:
     return "\n".join([*lines, "", made(result, more)])
 
 
+def tensors() -> str:
+    result = read("torch_env.json")
+    sizes = list(result["rows"][0]["steps_per_second"])
+    lines = [
+        "| steps per second | " + " | ".join(f"{int(size):,} cars" for size in sizes) + " | first steps |",
+        "|---" * (len(sizes) + 2) + "|",
+    ]
+    for row in result["rows"]:
+        how = "native" if row["what"] == "native" else "tensors, compiled" if row["compile"] else "tensors"
+        rates = " | ".join(f"{rate:,}" for rate in row["steps_per_second"].values())
+        first = max(row["first_steps_seconds"].values())
+        lines.append(f"| {how}, {row['device']}, {row['dtype']} | {rates} | {first:.1f} s |")
+    return "\n".join([*lines, "", made(result, f"one thread; GPU: {result['gpu']}. `results/torch_env.json`.")])
+
+
 def room() -> str:
     result = read("room.json")
     conditions = result["conditions"]
@@ -172,6 +188,7 @@ TABLES = {
         lane_change_ppo,
         speed,
         vector,
+        tensors,
         room,
         controllers_stab,
         controllers_lane_change,
