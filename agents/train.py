@@ -288,6 +288,7 @@ def _summary(console: Console, args: Args, folder: Path, model: BaseAlgorithm, s
         f"evaluate it: python -m agents.evaluate --env-id {args.env_id} --policy {folder} lqr zero"
         + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""),
         highlight=False,
+        soft_wrap=True,
     )
 
 

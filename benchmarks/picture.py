@@ -31,7 +31,7 @@ def main() -> None:
         )
     for name, line in (("linear", "--"), ("fiala", "-.")):
         steps = 2.0 * limit["multiply_adds"] / sum(limit["operations of a step"][name].values())
-        axes.axhline(steps, color="0.3", linestyle=line, linewidth=1.0, label=f"limit of the core, {name}")
+        axes.axhline(steps, color="0.3", linestyle=line, linewidth=1.0, label=f"limit of one core, {name}, float64")
     memory = limit["bytes_per_second"] / BYTES["linear"]
     axes.axhline(memory, color="0.6", linestyle=(0, (1, 1)), linewidth=1.0, label="limit of the memory, one core")
     axes.set_xscale("log")

@@ -148,6 +148,8 @@ def run_report(chosen: argparse.Namespace) -> None:
             sys.stderr.flush()
 
     page = None
+    if chosen.out == "":
+        raise UserError("--out must name a folder, got ''")
     if chosen.out is not None:
         page = report.write(study, chosen.out, tell)
     else:

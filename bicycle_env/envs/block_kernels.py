@@ -354,7 +354,10 @@ def _measure(kind: Kind) -> Any:
 @functools.cache
 def kernels(kind: Kind) -> Kernels:
     """Compile the functions of a kind, or load them from the cache on disk."""
-    label = f"{kind.task_class.name} for many cars with the {type(kind.tire).__name__} tire, {kind.geometry} geometry"
+    label = (
+        f"{kind.task_class.name} for many cars with the {type(kind.tire).__name__} tire, {kind.geometry} geometry, "
+        f"{kind.dtype}, in blocks of {kind.length}" + (", each car with its own numbers" if kind.varied else "")
+    )
     with compiled.progress(label):
         start, look = _beginning(kind)
         return Kernels(_step(kind), start, look, _measure(kind))

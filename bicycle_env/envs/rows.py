@@ -109,7 +109,7 @@ def checked_mask(mask: Any, num_envs: int) -> NDArray[np.bool_]:
 
 def checked_start(task: Task, options: Any, fleet: Fleet, num_envs: int, dtype: str) -> dict[str, Any]:
     """What the options set after a random start: values by name. ValueError, TypeError before anything changes."""
-    given = task.check_options(options)
+    given = task.check_options(options, ("reset_mask",))
     changes: dict[str, Any] = {}
     if "state" in given:
         changes |= _checked_states(given["state"], fleet, num_envs, dtype)

@@ -157,7 +157,9 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         if isinstance(options, Mapping) and "reset_mask" in options:
             kept = self._begun("reset(options={'reset_mask': ...})")
             mask = self._options.mask(options["reset_mask"])
-            given = self.task.check_options({name: options[name] for name in options if name != "reset_mask"})
+            given = self.task.check_options(
+                {name: options[name] for name in options if name != "reset_mask"}, ("reset_mask",)
+            )
         else:
             kept, mask = None, None
             given = self.task.check_options(options)

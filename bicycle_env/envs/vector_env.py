@@ -263,8 +263,14 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     def restore(self, snapshot: VectorSnapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observations there."""
-        if not isinstance(snapshot, VectorSnapshot) or not self._fits(snapshot):
+        if not isinstance(snapshot, VectorSnapshot):
             raise TypeError(f"snapshot must come from snapshot() of an equal environment, got {type(snapshot)!r}")
+        if not self._fits(snapshot):
+            mine, theirs = self._rows.episodes, snapshot.rows
+            raise ValueError(
+                f"snapshot must come from an equal environment: this one has {self.num_envs} cars of {mine.shape[1]} "
+                f"numbers, {mine.dtype}; the snapshot {len(snapshot.generators)} of {theirs.shape[1]}, {theirs.dtype}"
+            )
         if len(self._generators) != len(snapshot.generators):
             self._seed([None] * self.num_envs, np.ones(self.num_envs, dtype=np.bool_))
         for generator, state in zip(self._generators, snapshot.generators, strict=True):

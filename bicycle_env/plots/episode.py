@@ -134,7 +134,7 @@ def _draw_road(axes: Any, driven: list[Columns], roads: list[Road], edges: list[
     low, high = low - pad, high + pad
     handles = []
     if edges:
-        handles += [axes.axhline(edge, color=BLACK, linewidth=1.5, label="edge of the road") for edge in edges][:1]
+        handles += [axes.axhline(edge, color=BLACK, linewidth=1.5, label="edge of the lane") for edge in edges][:1]
         width = edges[-1] - edges[0]
         low = max(min(low, edges[0] - 0.4 * width), edges[0] - 2.0 * width)
         high = min(max(high, edges[-1] + 0.4 * width), edges[-1] + 2.0 * width)

@@ -79,7 +79,7 @@ def _balance(study: Study) -> tuple[Quantity, ...]:
         ),
         Quantity(
             "static_margin",
-            "static margin",
+            "static margin (negative: understeer)",
             analysis.static_margin(car),
             "of the wheelbase",
             "derived",

@@ -164,13 +164,13 @@ class Task(abc.ABC):
         """The route changed by the task's reset options; ValueError or TypeError if one is bad."""
         return route
 
-    def check_options(self, options: object) -> Mapping[str, Any]:
-        """Refuse reset options that the task does not know."""
+    def check_options(self, options: object, more: tuple[str, ...] = ()) -> Mapping[str, Any]:
+        """Refuse reset options that the task does not know; `more`: what else its environment takes."""
         if options is None:
             return {}
         if not isinstance(options, Mapping):
             raise TypeError(f"options must be a mapping, got {options!r}")
-        known_keys("reset option", options, ("state", *self.options))
+        known_keys("reset option", options, ("state", *self.options, *more))
         return options
 
 

@@ -68,7 +68,7 @@ def test_a_simulated_run_is_drawn_as_it_was_driven(run):
 
 def test_several_runs_differ_in_colour_and_dashes(run):
     figure = plots.episode(*[run] * 8, labels=list("abcdefgh"), lane=(-1.0, 3.0), duration=0.5)
-    assert legend(figure) == [*"abcdefgh", "edge of the road"]
+    assert legend(figure) == [*"abcdefgh", "edge of the lane"]
     lines = axes_of(figure, "sideslip [deg]").get_lines()
     assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 8
     assert axes_of(figure, "sideslip [deg]").get_xlim() == (0.0, 0.5)
@@ -94,7 +94,7 @@ def test_states_of_an_episode_with_its_environment():
     env = gym.make("BicycleStab-v0")
     driven, ends = zip(*(drive(env, name, 3) for name in ("lqr", "zero")), strict=True)
     figure = plots.episode(*driven, labels=["LQR", "nobody"], env=env, ends=ends)
-    assert legend(figure) == ["LQR", "nobody: left the lane at the cross", "edge of the road"]
+    assert legend(figure) == ["LQR", "nobody: left the lane at the cross", "edge of the lane"]
     assert figure.get_suptitle() == "At 156 km/h = 1.2 x the critical speed"
     sideslip = [state.lateral_velocity / env.unwrapped.speed for state in driven[0]]
     np.testing.assert_allclose(axes_of(figure, "sideslip [deg]").get_lines()[0].get_ydata(), np.degrees(sideslip))
