@@ -31,7 +31,7 @@ demo: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.demo
 
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: $(VENV)/.installed-test
 	$(BIN)/python -m ruff format --check .
