@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bicycle_env import analysis, plots
+from bicycle_env.analysis.recovery.recoverable_set import GOAL_SIDESLIP, GOAL_YAW_RATE
 from bicycle_env.report.page import Picture
 from bicycle_env.report.quantities import DEGREE
 from bicycle_env.report.study import BOX, STEER_LIMITS, Study
@@ -123,7 +124,9 @@ def _phase_plane(study: Study) -> str:
         "(yaw rate). Left: the arrows show how the car moves when nobody steers; steady states are marked, a green "
         f"circle is one to which the car returns. {border}Right: coloured states can be saved by SOME steering within "
         f"{front:.1f} deg of front and {rear:.1f} deg of rear steer, in the time that the colour says; from a grey "
-        f"state nobody can save the car. Of the dash-dotted box {shares['recoverable']} can be saved, a linear "
+        f"state nobody can save the car. Saved means: less than {GOAL_SIDESLIP / DEGREE:.1f} deg of sideslip and "
+        f"{GOAL_YAW_RATE / DEGREE:.1f} deg/s of yaw rate within {study.recoverable.horizon:g} s, even if the car would "
+        f"leave again without help. Of the dash-dotted box {shares['recoverable']} can be saved, a linear "
         f"regulator (LQR, dashed) saves {shares['lqr']}, straight wheels {shares['straight']} (dotted). The wheels "
         "follow at once here: with real actuators everybody saves less."
     )
