@@ -20,7 +20,7 @@ from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layou
 from bicycle_env.envs.draws import next_double
 from bicycle_env.physics import compiled
 from bicycle_env.physics.single_track import Axles, axles
-from bicycle_env.physics.tires import Linear
+from bicycle_env.physics.tires import Linear, Tire
 from bicycle_env.tasks.ends import corner_outside
 from bicycle_env.tasks.task import Reference
 from bicycle_env.tasks.transition import stages
@@ -49,11 +49,11 @@ class Kernels(NamedTuple):
     are; either way they get no reward, and their actions are not looked at.
     """
     start: Callable[..., None]
-    """``start(numbers, mask, generators, observation, values)``: a random start of the rows in the mask (n,)."""
+    """``start(numbers, mask, generators)``: a random start of the rows in the mask (n,)."""
     look: Callable[..., None]
     """``look(numbers, mask, observation, values)``: observation and cost of the rows in the mask as they are."""
     measure: Callable[..., None]
-    """``measure(numbers, out)``: (n, len(telemetry.MEASURED))."""
+    """``measure(numbers, out)``: (n, len(telemetry.MEASURED)). Compiled when it is first called."""
 
 
 def number_type(kind: Kind) -> Any:
@@ -77,6 +77,10 @@ class Episode(NamedTuple):
     """``cost(block, k, shared)``."""
     is_over: Any
     """``is_over(block, k, step_limit)``."""
+    observe: Any
+    """``observe(block, k, shared) -> tuple``: the values of the observation that are not a preview."""
+    preview: Any
+    """``preview(block, k, shared, time)``: the value for a time ahead."""
 
 
 @functools.cache
@@ -86,6 +90,7 @@ def _episode(kind: Kind) -> Episode:
     uniforms, end_column = task.uniforms, at.end * kind.length
     start_law, reference = xp.function(task.start(xp)), xp.function(task.reference(xp))
     outside = xp.function(corner_outside(xp))
+    observe_law, preview_law = xp.function(task.observe(xp)), xp.function(task.preview(xp))
     keep_route = store(xp, len(task.Route._fields), at.route, kind.length)
 
     def begin(block: Any, k: Any, shared: Any, drawn: Any, generator: Any) -> None:
@@ -104,16 +109,21 @@ def _episode(kind: Kind) -> Episode:
     def is_over(block: Any, k: Any, step_limit: Any) -> Any:
         return (block[k + end_column] > 0.0) | (access.memory(block, k).steps >= step_limit)
 
-    return Episode(xp.function(begin), xp.function(cost), xp.function(is_over))
+    def observe(block: Any, k: Any, shared: Any) -> Any:
+        return observe_law(access.state(block, k), access.memory(block, k), access.world(block, k, shared))
+
+    def preview(block: Any, k: Any, shared: Any, time: Any) -> Any:
+        return preview_law(access.state(block, k), access.route(block, k), access.world(block, k, shared), time)
+
+    return Episode(*(xp.function(law) for law in (begin, cost, is_over, observe, preview)))
 
 
 @functools.cache
-def _step(kind: Kind) -> Any:
+def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
     xp, length, entries, access = kind.xp, kind.length, kind.entries, blocks.access(kind)
     task, block_columns, episode = kind.task_class(), layout(kind).width, _episode(kind)
     block_size, uniforms = block_columns * length, task.uniforms
-    begin, advance, finish = (xp.function(law) for law in stages(xp, task, kind.tire, kind.geometry, kind.reward))
-    observe, preview = xp.function(task.observe(xp)), xp.function(task.preview(xp))
+    begin, advance, finish = (xp.function(law) for law in stages(xp, task, tire, geometry, reward))
     times = preview_times(kind)
 
     # The scratch: a block, and after it what one step needs of each car.
@@ -224,16 +234,13 @@ def _step(kind: Kind) -> Any:
 
             # What is seen: values, scaled and clipped to float32, column by column.
             for k in range(length):
-                mine = access.world(scratch, k, shared)
-                seen_values = observe(access.state(scratch, k), access.memory(scratch, k), mine)
+                seen_values = episode.observe(scratch, k, shared)
                 for j in range(len(seen_values)):
                     scratch[k + (seen_at + j) * length] = seen_values[j]
             for j in range(len(seen_values), entries):
                 time = world[times + j - len(seen_values)]
                 for k in range(length):
-                    mine = access.world(scratch, k, shared)
-                    ahead = preview(access.state(scratch, k), access.route(scratch, k), mine, time)
-                    scratch[k + (seen_at + j) * length] = ahead
+                    scratch[k + (seen_at + j) * length] = episode.preview(scratch, k, shared, time)
             shown = scratch[shown_column:].view(np.float32)
             for j in range(entries):
                 per_scale, bound = access.scaling(world, j)
@@ -276,33 +283,17 @@ def _step(kind: Kind) -> Any:
         numba.int64,
         numba.int64,
     )
-    waits = kind.geometry == "exact" or not isinstance(kind.tire, Linear)
+    waits = geometry == "exact" or not isinstance(tire, Linear)
     return compiled.entry_point(step, signature, nogil=True, interleave=2 if waits and length >= LONG else 0)
 
 
 @functools.cache
 def _beginning(kind: Kind) -> tuple[Any, Any]:
-    """``start`` and ``look``."""
-    xp, length, entries, access = kind.xp, kind.length, kind.entries, blocks.access(kind)
-    task, episode = kind.task_class(), _episode(kind)
-    block_size, uniforms = layout(kind).width * length, task.uniforms
-    observe, preview = xp.function(task.observe(xp)), xp.function(task.preview(xp))
-    times = preview_times(kind)
+    """``start`` and ``look``, the same for every tire, geometry and reward."""
+    length, entries, access, episode = kind.length, kind.entries, blocks.access(kind), _episode(kind)
+    block_size, uniforms, times = layout(kind).width * length, kind.task_class.uniforms, preview_times(kind)
 
-    def show_row(block: Any, k: Any, world: Any, shared: Any, observation: Any) -> None:
-        mine, state, memory = access.world(block, k, shared), access.state(block, k), access.memory(block, k)
-        values = observe(state, memory, mine)
-        for j in range(len(values)):
-            per_scale, bound = access.scaling(world, j)
-            observation[j] = access.entry(values[j], block, k, per_scale, bound, j)
-        for j in range(len(values), entries):
-            ahead = preview(state, memory.route, mine, world[times + j - len(values)])
-            per_scale, bound = access.scaling(world, j)
-            observation[j] = access.entry(ahead, block, k, per_scale, bound, j)
-
-    show = xp.function(show_row)
-
-    def start(numbers: Any, mask: Any, generators: Any, observation: Any, values: Any) -> None:
+    def start(numbers: Any, mask: Any, generators: Any) -> None:
         world, rows = split(numbers)
         shared = access.shared(world)
         drawn = np.empty(uniforms)
@@ -310,8 +301,6 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
             if mask[row]:
                 block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
                 episode.begin(block, k, shared, drawn, generators[row])
-                show(block, k, world, shared, observation[row])
-                values[1, row] = episode.cost(block, k, shared)
 
     def look(numbers: Any, mask: Any, observation: Any, values: Any) -> None:
         world, rows = split(numbers)
@@ -319,22 +308,28 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
         for row in range(len(mask)):
             if mask[row]:
                 block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
-                show(block, k, world, shared, observation[row])
+                seen_values = episode.observe(block, k, shared)
+                for j in range(entries):
+                    if j < len(seen_values):
+                        value = seen_values[j]
+                    else:
+                        value = episode.preview(block, k, shared, world[times + j - len(seen_values)])
+                    per_scale, bound = access.scaling(world, j)
+                    observation[row, j] = access.entry(value, block, k, per_scale, bound, j)
                 values[1, row] = episode.cost(block, k, shared)
 
     flat, mask_type, table = number_type(kind)[::1], numba.boolean[::1], numba.float32[:, ::1]
-    values_type, addresses = numba.float64[:, ::1], numba.uint64[::1]
     return (
-        compiled.entry_point(start, numba.void(flat, mask_type, addresses, table, values_type), nogil=True),
-        compiled.entry_point(look, numba.void(flat, mask_type, table, values_type), nogil=True),
+        compiled.entry_point(start, numba.void(flat, mask_type, numba.uint64[::1]), nogil=True),
+        compiled.entry_point(look, numba.void(flat, mask_type, table, numba.float64[:, ::1]), nogil=True),
     )
 
 
 @functools.cache
-def _measure(kind: Kind) -> Any:
+def _measure(kind: Kind, tire: Tire, geometry: str) -> Any:
     xp, length, access = kind.xp, kind.length, blocks.access(kind)
     block_size = layout(kind).width * length
-    axles_law = xp.function(axles(xp, kind.tire, kind.geometry))
+    axles_law = xp.function(axles(xp, tire, geometry))
     reference_law = xp.function(kind.task_class().reference(xp))
     keep_acting = store(xp, len(Axles._fields), 0, 1)
     keep_reference = store(xp, len(Reference._fields), len(Axles._fields), 1)
@@ -348,16 +343,23 @@ def _measure(kind: Kind) -> Any:
             keep_acting(out[row], 0, axles_law(state, mine.car))
             keep_reference(out[row], 0, reference_law(state, access.route(block, k), mine))
 
-    return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)
+    with compiled.progress(_label(kind, tire, geometry)):
+        return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)
 
 
-@functools.cache
-def kernels(kind: Kind) -> Kernels:
-    """Compile the functions of a kind, or load them from the cache on disk."""
-    label = (
-        f"{kind.task_class.name} for many cars with the {type(kind.tire).__name__} tire, {kind.geometry} geometry, "
+def _label(kind: Kind, tire: Tire, geometry: str) -> str:
+    return (
+        f"{kind.task_class.name} for many cars with the {type(tire).__name__} tire, {geometry} geometry, "
         f"{kind.dtype}, in blocks of {kind.length}" + (", each car with its own numbers" if kind.varied else "")
     )
-    with compiled.progress(label):
+
+
+def kernels(kind: Kind, tire: Tire, geometry: str, reward: str) -> Kernels:
+    """Compile the functions of a combination, or load them from the cache on disk."""
+
+    def measure(numbers: Any, out: Any) -> None:
+        _measure(kind, tire, geometry)(numbers, out)
+
+    with compiled.progress(_label(kind, tire, geometry)):
         start, look = _beginning(kind)
-        return Kernels(_step(kind), start, look, _measure(kind))
+        return Kernels(_step(kind, tire, geometry, reward), start, look, measure)

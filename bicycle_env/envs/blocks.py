@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from bicycle_env.physics import compiled
 from bicycle_env.physics.single_track import Car, CarState
-from bicycle_env.physics.tires import Tire
 from bicycle_env.tasks.task import Memory, Rules, Task, World
 
 KEPT = ("front_steer_command", "rear_steer_command", "steps", "settled_steps")
@@ -54,12 +53,9 @@ class Pair(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What the kernels are compiled for."""
+    """What lies in a block."""
 
     task_class: type[Task]
-    tire: Tire
-    geometry: str
-    reward: str
     entries: int
     """Of the observation."""
     length: int

@@ -48,7 +48,7 @@ class Kernels(NamedTuple):
     step: Callable[[Row, Any, float, float], tuple[float, int, float]]
     """``step(memory, observation, front, rear) -> (reward, end, cost)``; front and rear are actions."""
     measure: Callable[[Row, Row], None]
-    """``measure(memory, out)``: the values of ``telemetry.MEASURED``."""
+    """``measure(memory, out)``: the values of ``telemetry.MEASURED``. Compiled when it is first called."""
 
 
 def episode_size(task: Task) -> int:
@@ -209,12 +209,20 @@ def _measuring(task_class: type[Task], tire: Tire, geometry: str) -> Any:
         for j in range(len(reference)):
             out[len(acting) + j] = reference[j]
 
-    return compiled.entry_point(measure, numba.void(_row, _row))
+    with compiled.progress(_label(task_class, tire, geometry)):
+        return compiled.entry_point(measure, numba.void(_row, _row))
+
+
+def _label(task_class: type[Task], tire: Tire, geometry: str) -> str:
+    return f"{task_class.name} with the {type(tire).__name__} tire, {geometry} geometry"
 
 
 def kernels(task_class: type[Task], tire: Tire, geometry: str, reward: str) -> Kernels:
     """Compiled functions, shared by all environments of the same combination in this process."""
-    with compiled.progress(f"{task_class.name} with the {type(tire).__name__} tire, {geometry} geometry"):
+
+    def measure(memory: Any, out: Any) -> None:
+        _measuring(task_class, tire, geometry)(memory, out)
+
+    with compiled.progress(_label(task_class, tire, geometry)):
         start, look = _beginning(task_class)
-        step = _stepping(task_class, tire, geometry, reward)
-        return Kernels(start, look, step, _measuring(task_class, tire, geometry))
+        return Kernels(start, look, _stepping(task_class, tire, geometry, reward), measure)

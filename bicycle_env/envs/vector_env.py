@@ -122,9 +122,6 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
         self._kind = blocks.Kind(
             type(self.task),
-            self.tire,
-            self.geometry,
-            self.reward,
             len(bound),
             blocks.best_length(self.num_envs),
             self.fleet.varied,
@@ -140,7 +137,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._bind()
 
     def _bind(self) -> None:
-        self._kernels = block_kernels.kernels(self._kind)
+        self._kernels = block_kernels.kernels(self._kind, self.tire, self.geometry, self.reward)
         self._step = self._kernels.step
         self._numbers, self._blocks = self._rows.numbers, self._rows.blocks
         most = max(1, self.num_envs // FEWEST_PER_THREAD)
@@ -177,14 +174,14 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         if not self._started and not np.all(mask):
             raise gym.error.ResetNeeded("the first reset() must start all rows: it takes no reset_mask")
         self._seed(seeds, mask)
-        observation, values, _, _ = self._new_results()
-        self._kernels.start(self._numbers, mask, self._addresses, observation, values)
+        self._kernels.start(self._numbers, mask, self._addresses)
         if changes:
             self._rows.put(changes, mask)
         if self.staggered_start and masked is None and self.max_episode_steps is not None:
             spread = np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
             self._rows.put({"steps": spread.astype(np.float64)}, mask)
         self._started = True
+        observation, values, _, _ = self._new_results()
         self._kernels.look(self._numbers, self._everyone, observation, values)
         return observation, self._info(self._rows.column("end").astype(np.int8), values[1])
 
@@ -332,7 +329,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         """Start the rows that have ended, in the same step; their last observation and info."""
         final_info = self._info(end.copy(), values[1].copy(), over)
         final = {"final_obs": observation.copy(), "_final_obs": over, "final_info": final_info}
-        self._kernels.start(self._numbers, over, self._addresses, observation, values)
+        self._kernels.start(self._numbers, over, self._addresses)
+        self._kernels.look(self._numbers, over, observation, values)
         end[over] = 0
         return {**final, "_final_info": over.copy()}
 
