@@ -17,7 +17,7 @@ import numpy as np
 
 from bicycle_env.envs import blocks
 from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, store
-from bicycle_env.envs.draws import next_double
+from bicycle_env.envs.draws import fetch, next_double
 from bicycle_env.physics import compiled
 from bicycle_env.physics.single_track import Axles, axles
 from bicycle_env.physics.tires import Linear, Tire
@@ -127,20 +127,24 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
     times = preview_times(kind)
 
     # The scratch: a block, and after it what one step needs of each car.
-    action_at, stage_at, result_at, waits_at, seen_at = (block_columns + k for k in (0, 4, 5, 7, 8))
-    size = (seen_at + 2 * entries) * length
+    action_at, stage_at, result_at, waits_at, shown_at = (block_columns + k for k in (0, 4, 5, 7, 8))
+    size = (shown_at + entries) * length
     read_action, keep_action = columns(xp, Pair, action_at, length), store(xp, 2, action_at, length)
     read_command, keep_command = columns(xp, Pair, action_at + 2, length), store(xp, 2, action_at + 2, length)
     keep_result = store(xp, 2, result_at, length)
     stage_column, reward_column, cost_column, waits_column, end_column, shown_column = (
-        column * length
-        for column in (stage_at, result_at, result_at + 1, waits_at, layout(kind).end, seen_at + entries)
+        column * length for column in (stage_at, result_at, result_at + 1, waits_at, layout(kind).end, shown_at)
     )
 
     def limit(action: Any, steers: Any) -> Any:
         return xp.maximum(xp.minimum(action, 1.0), -1.0) * steers
 
     limited = xp.function(limit)
+    largest = np.finfo(np.float32).max
+    lines = "".join(f"\n    seen[k * {entries} + {j}] = shown[k + {j * length}]" for j in range(entries))
+    scope: dict[str, Any] = {}
+    exec(f"def write(seen, k, shown):{lines or ' pass'}", scope)
+    keep_row = xp.function(scope["write"])
 
     def step(
         numbers: Any,
@@ -159,9 +163,10 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
         step_limit = world[STEP_LIMIT]
 
         # Before anything changes: are the actions good?
-        bad = False
-        for row in range(first * length, min(last * length, cars)):
-            bad |= not (np.isfinite(actions[row, 0]) and np.isfinite(actions[row, axle]))
+        taken = actions[first * length : last * length].reshape(-1)
+        bad = 0
+        for j in range(len(taken)):
+            bad += not abs(taken[j]) <= largest
         if bad:
             for row in range(first * length, min(last * length, cars)):
                 if not (np.isfinite(actions[row, 0]) and np.isfinite(actions[row, axle])):
@@ -173,6 +178,8 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
         rules = shared.rules
         substeps = int(rules.substeps)
         scratch = np.zeros(size, rows.dtype)
+        flat_observation = observation.reshape(-1)
+        per_scales, bounds = access.scaling(world)
         drawn = np.empty(uniforms)
         ended = 0
         for block in range(first, last):
@@ -197,6 +204,13 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
                 keep_command(scratch, k, command)
                 scratch[k + stage_column] = stage
                 scratch[k + waits_column] = xp.where(episode.is_over(scratch, k, step_limit), 1.0, 0.0)
+            waiting = 0
+            for k in range(here):
+                waiting += scratch[k + waits_column] > 0.0
+            if waiting:  # memory takes as long as the step that is about to come
+                for k in range(here):
+                    if scratch[k + waits_column] > 0.0:
+                        fetch(generators[row + k])
             for _ in range(substeps):
                 for k in range(length):
                     command = read_command(scratch, k)
@@ -217,9 +231,6 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
                 scratch[k + end_column] = code
 
             # Cars that have been waiting do not take it: they start anew, or stay as they were.
-            waiting = 0
-            for k in range(here):
-                waiting += scratch[k + waits_column] > 0.0
             if waiting:
                 for k in range(here):
                     if scratch[k + waits_column] > 0.0:
@@ -232,21 +243,17 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
             for k in range(block_size):
                 stored[k] = scratch[k]
 
-            # What is seen: values, scaled and clipped to float32, column by column.
+            # What is seen: scaled and clipped to float32, column by column.
+            shown = scratch[shown_column:].view(np.float32)
             for k in range(length):
                 seen_values = episode.observe(scratch, k, shared)
                 for j in range(len(seen_values)):
-                    scratch[k + (seen_at + j) * length] = seen_values[j]
+                    shown[k + j * length] = access.entry(seen_values[j], scratch, k, per_scales[j], bounds[j], j)
             for j in range(len(seen_values), entries):
                 time = world[times + j - len(seen_values)]
                 for k in range(length):
-                    scratch[k + (seen_at + j) * length] = episode.preview(scratch, k, shared, time)
-            shown = scratch[shown_column:].view(np.float32)
-            for j in range(entries):
-                per_scale, bound = access.scaling(world, j)
-                for k in range(length):
-                    value = scratch[k + (seen_at + j) * length]
-                    shown[k + j * length] = access.entry(value, scratch, k, per_scale, bound, j)
+                    value = episode.preview(scratch, k, shared, time)
+                    shown[k + j * length] = access.entry(value, scratch, k, per_scales[j], bounds[j], j)
 
             # The results go out, through slices whose indices count from 0.
             rewards, costs = values[0, row : row + here], values[1, row : row + here]
@@ -257,17 +264,16 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
             ends = end[row : row + here]
             terminated, truncated = flags[0, row : row + here], flags[1, row : row + here]
             for k in range(here):
-                ends[k] = int(scratch[k + end_column])
+                ends[k] = np.int8(scratch[k + end_column])
             for k in range(here):
                 terminated[k] = scratch[k + end_column] > 0.0
             for k in range(here):
                 truncated[k] = access.memory(scratch, k).steps >= step_limit
             for k in range(here):
                 ended += terminated[k] | truncated[k]
-            seen = observation[row : row + here]
+            seen = flat_observation[row * entries : (row + here) * entries]
             for k in range(here):
-                for j in range(entries):
-                    seen[k, j] = shown[k + j * length]
+                keep_row(seen, k, shown)
         return ended
 
     table = numba.float32[:, ::1]
@@ -305,6 +311,7 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
     def look(numbers: Any, mask: Any, observation: Any, values: Any) -> None:
         world, rows = split(numbers)
         shared = access.shared(world)
+        per_scales, bounds = access.scaling(world)
         for row in range(len(mask)):
             if mask[row]:
                 block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
@@ -314,8 +321,7 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
                         value = seen_values[j]
                     else:
                         value = episode.preview(block, k, shared, world[times + j - len(seen_values)])
-                    per_scale, bound = access.scaling(world, j)
-                    observation[row, j] = access.entry(value, block, k, per_scale, bound, j)
+                    observation[row, j] = access.entry(value, block, k, per_scales[j], bounds[j], j)
                 values[1, row] = episode.cost(block, k, shared)
 
     flat, mask_type, table = number_type(kind)[::1], numba.boolean[::1], numba.float32[:, ::1]

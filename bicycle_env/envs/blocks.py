@@ -148,7 +148,8 @@ def access(kind: Kind) -> Access:
     Settings = kind.task_class.Settings
     car_size, rules_size, settings_size = len(Car._fields), len(Rules._fields), len(Settings._fields)
     scales = SETTINGS + settings_size
-    bounds = scales + kind.entries
+    entries = kind.entries
+    bounds = scales + entries
     kept = at.kept * length
     route = columns(xp, kind.task_class.Route, at.route, length)
 
@@ -182,8 +183,10 @@ def access(kind: Kind) -> Access:
 
     scale_of = xp.function(own_scale)
 
-    def scaling(world: Any, j: Any) -> Any:
-        return world[scales + j], np.float32(world[bounds + j])
+    def scaling(world: Any) -> Any:
+        return to_fixed_tuple(world[scales:bounds], entries), to_fixed_tuple(
+            world[bounds : bounds + entries].astype(np.float32), entries
+        )
 
     def entry(value: Any, block: Any, k: Any, per_scale: Any, bound: Any, j: Any) -> Any:
         scaled = np.float32(value * scale_of(block, k, per_scale, j))
