@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from bicycle_env.envs import blocks
-from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, store
+from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, row_store, store
 from bicycle_env.envs.draws import fetch, next_double
 from bicycle_env.physics import compiled
 from bicycle_env.physics.single_track import Axles, axles
@@ -141,10 +141,7 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
 
     limited = xp.function(limit)
     largest = np.finfo(np.float32).max
-    lines = "".join(f"\n    seen[k * {entries} + {j}] = shown[k + {j * length}]" for j in range(entries))
-    scope: dict[str, Any] = {}
-    exec(f"def write(seen, k, shown):{lines or ' pass'}", scope)
-    keep_row = xp.function(scope["write"])
+    keep_row = row_store(xp, entries, length)
 
     def step(
         numbers: Any,
@@ -207,7 +204,7 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
             waiting = 0
             for k in range(here):
                 waiting += scratch[k + waits_column] > 0.0
-            if waiting:  # memory takes as long as the step that is about to come
+            if waiting:  # their generators may be far away in memory: on their way while the others drive
                 for k in range(here):
                     if scratch[k + waits_column] > 0.0:
                         fetch(generators[row + k])
@@ -230,7 +227,7 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
                 keep_result(scratch, k, (reward, cost))
                 scratch[k + end_column] = code
 
-            # Cars that have been waiting do not take it: they start anew, or stay as they were.
+            # Cars that have been waiting did not take that step: they start anew, or stay as they were.
             if waiting:
                 for k in range(here):
                     if scratch[k + waits_column] > 0.0:
@@ -250,10 +247,10 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
                 for j in range(len(seen_values)):
                     shown[k + j * length] = access.entry(seen_values[j], scratch, k, per_scales[j], bounds[j], j)
             for j in range(len(seen_values), entries):
-                time = world[times + j - len(seen_values)]
+                time, per_scale, bound = world[times + j - len(seen_values)], per_scales[j], bounds[j]
                 for k in range(length):
                     value = episode.preview(scratch, k, shared, time)
-                    shown[k + j * length] = access.entry(value, scratch, k, per_scales[j], bounds[j], j)
+                    shown[k + j * length] = access.entry(value, scratch, k, per_scale, bound, j)
 
             # The results go out, through slices whose indices count from 0.
             rewards, costs = values[0, row : row + here], values[1, row : row + here]

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
@@ -45,21 +44,19 @@ def next_double(_typing: Any, _address: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def fetch(_typing: Any, _address: Any) -> Any:
-    """Ask for the cache lines of the generator at an address; it will draw soon. Changes nothing, whatever the address.
+    """Ask the memory for the generator at an address, which will draw soon. Changes nothing, whatever the address.
 
-    With numpy's generators a bitgen_t, its state and its numbers lie beside each other, within 128 bytes.
+    numpy keeps a ``bitgen_t`` and the numbers of its state side by side, within two or three cache lines.
     """
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         byte_pointer, number = ir.IntType(8).as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [byte_pointer, number, number, number])
-        ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        prefetch = builder.module.declare_intrinsic("llvm.prefetch", [byte_pointer], kind)
         first = builder.inttoptr(arguments[0], byte_pointer)
-        for_writing, kept_close, data = (ir.Constant(number, value) for value in (1, 3, 1))
+        how = [ir.Constant(number, value) for value in (1, 3, 1)]  # to write, to keep close, data
         for offset in (0, 64, 127):
-            builder.call(
-                ask, [builder.gep(first, [context.get_constant(types.intp, offset)]), for_writing, kept_close, data]
-            )
+            builder.call(prefetch, [builder.gep(first, [context.get_constant(types.intp, offset)]), *how])
         return context.get_dummy_value()
 
     return types.none(types.uint64), generate
