@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from bicycle_env.envs import blocks
-from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, row_store, store
+from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, store
 from bicycle_env.envs.draws import fetch, next_double
 from bicycle_env.physics import compiled
 from bicycle_env.physics.single_track import Axles, axles
@@ -127,13 +127,14 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
     times = preview_times(kind)
 
     # The scratch: a block, and after it what one step needs of each car.
-    action_at, stage_at, result_at, waits_at, shown_at = (block_columns + k for k in (0, 4, 5, 7, 8))
-    size = (shown_at + entries) * length
+    action_at, stage_at, result_at, waits_at, seen_at = (block_columns + k for k in (0, 4, 5, 7, 8))
+    size = (seen_at + 2 * entries) * length
     read_action, keep_action = columns(xp, Pair, action_at, length), store(xp, 2, action_at, length)
     read_command, keep_command = columns(xp, Pair, action_at + 2, length), store(xp, 2, action_at + 2, length)
     keep_result = store(xp, 2, result_at, length)
     stage_column, reward_column, cost_column, waits_column, end_column, shown_column = (
-        column * length for column in (stage_at, result_at, result_at + 1, waits_at, layout(kind).end, shown_at)
+        column * length
+        for column in (stage_at, result_at, result_at + 1, waits_at, layout(kind).end, seen_at + entries)
     )
 
     def limit(action: Any, steers: Any) -> Any:
@@ -141,7 +142,6 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
 
     limited = xp.function(limit)
     largest = np.finfo(np.float32).max
-    keep_row = row_store(xp, entries, length)
 
     def step(
         numbers: Any,
@@ -176,7 +176,6 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
         substeps = int(rules.substeps)
         scratch = np.zeros(size, rows.dtype)
         flat_observation = observation.reshape(-1)
-        per_scales, bounds = access.scaling(world)
         drawn = np.empty(uniforms)
         ended = 0
         for block in range(first, last):
@@ -240,16 +239,20 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
             for k in range(block_size):
                 stored[k] = scratch[k]
 
-            # What is seen: scaled and clipped to float32, column by column.
-            shown = scratch[shown_column:].view(np.float32)
+            # What is seen: values, then scaled and clipped to float32, column by column.
             for k in range(length):
                 seen_values = episode.observe(scratch, k, shared)
                 for j in range(len(seen_values)):
-                    shown[k + j * length] = access.entry(seen_values[j], scratch, k, per_scales[j], bounds[j], j)
+                    scratch[k + (seen_at + j) * length] = seen_values[j]
             for j in range(len(seen_values), entries):
-                time, per_scale, bound = world[times + j - len(seen_values)], per_scales[j], bounds[j]
+                time = world[times + j - len(seen_values)]
                 for k in range(length):
-                    value = episode.preview(scratch, k, shared, time)
+                    scratch[k + (seen_at + j) * length] = episode.preview(scratch, k, shared, time)
+            shown = scratch[shown_column:].view(np.float32)
+            for j in range(entries):
+                per_scale, bound = access.scaling(world, j)
+                for k in range(length):
+                    value = scratch[k + (seen_at + j) * length]
                     shown[k + j * length] = access.entry(value, scratch, k, per_scale, bound, j)
 
             # The results go out, through slices whose indices count from 0.
@@ -270,7 +273,8 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
                 ended += terminated[k] | truncated[k]
             seen = flat_observation[row * entries : (row + here) * entries]
             for k in range(here):
-                keep_row(seen, k, shown)
+                for j in range(entries):
+                    seen[k * entries + j] = shown[k + j * length]
         return ended
 
     table = numba.float32[:, ::1]
@@ -308,7 +312,6 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
     def look(numbers: Any, mask: Any, observation: Any, values: Any) -> None:
         world, rows = split(numbers)
         shared = access.shared(world)
-        per_scales, bounds = access.scaling(world)
         for row in range(len(mask)):
             if mask[row]:
                 block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
@@ -318,7 +321,8 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
                         value = seen_values[j]
                     else:
                         value = episode.preview(block, k, shared, world[times + j - len(seen_values)])
-                    observation[row, j] = access.entry(value, block, k, per_scales[j], bounds[j], j)
+                    per_scale, bound = access.scaling(world, j)
+                    observation[row, j] = access.entry(value, block, k, per_scale, bound, j)
                 values[1, row] = episode.cost(block, k, shared)
 
     flat, mask_type, table = number_type(kind)[::1], numba.boolean[::1], numba.float32[:, ::1]

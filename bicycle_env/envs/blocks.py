@@ -111,17 +111,6 @@ def store(xp: Any, count: int, first: int, length: int) -> Any:
     return xp.function(scope["write"])
 
 
-def row_store(xp: Any, count: int, length: int) -> Any:
-    """``write(rows, k, columns)``: car k of `count` columns becomes row k of a flat array.
-
-    Written out, with constant distances: so the compiler turns eight cars at a time.
-    """
-    lines = "".join(f"\n    rows[k * {count} + {j}] = columns[k + {j * length}]" for j in range(count))
-    scope: dict[str, Any] = {}
-    exec(f"def write(rows, k, columns):{lines}", scope)
-    return xp.function(scope["write"])
-
-
 class Access(NamedTuple):
     """Inlined functions between a block and the named tuples that the laws are written with; car k of the block."""
 
@@ -140,7 +129,7 @@ class Access(NamedTuple):
     keep_memory: Any
     """``keep_memory(block, k, memory)``: all but the route, which stays the same."""
     scaling: Any
-    """``scaling(world) -> (1 / scales, bounds)`` of the observation, as all rows share them."""
+    """``scaling(world, j) -> (1 / scale, bound)`` of entry j of the observation, as all rows share them."""
     entry: Any
     """``entry(value, block, k, per_scale, bound, j) -> float32``: entry j of the observation, scaled and clipped."""
 
@@ -155,11 +144,11 @@ SETTINGS = RULES + len(Rules._fields)
 @functools.cache
 def access(kind: Kind) -> Access:
     """Bind them for a kind."""
-    xp, length, entries, at = kind.xp, kind.length, kind.entries, layout(kind)
+    xp, length, at = kind.xp, kind.length, layout(kind)
     Settings = kind.task_class.Settings
     car_size, rules_size, settings_size = len(Car._fields), len(Rules._fields), len(Settings._fields)
     scales = SETTINGS + settings_size
-    bounds, times = scales + entries, preview_times(kind)
+    bounds = scales + kind.entries
     kept = at.kept * length
     route = columns(xp, kind.task_class.Route, at.route, length)
 
@@ -193,11 +182,11 @@ def access(kind: Kind) -> Access:
 
     scale_of = xp.function(own_scale)
 
-    def scaling(world: Any) -> Any:
-        return to_fixed_tuple(world[scales:bounds], entries), to_fixed_tuple(world[bounds:times], entries)
+    def scaling(world: Any, j: Any) -> Any:
+        return world[scales + j], np.float32(world[bounds + j])
 
     def entry(value: Any, block: Any, k: Any, per_scale: Any, bound: Any, j: Any) -> Any:
-        scaled, bound = np.float32(value * scale_of(block, k, per_scale, j)), np.float32(bound)
+        scaled = np.float32(value * scale_of(block, k, per_scale, j))
         return min(max(scaled, -bound), bound)
 
     return Access(
