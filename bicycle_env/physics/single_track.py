@@ -125,7 +125,7 @@ def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles
             front_force,
             rear_force,
             (front_sideways + rear_sideways) * per_mass,  # 6.18
-            front_sideways * (car.cg_to_front * per_inertia) - rear_sideways * (car.cg_to_rear * per_inertia),  # 6.19
+            (car.cg_to_front * front_sideways - car.cg_to_rear * rear_sideways) * per_inertia,  # 6.19
         )
 
     return axles
@@ -198,7 +198,8 @@ def path_rates(xp: Any, geometry: str) -> Callable[[CarState, Car], tuple[Any, A
     """``(x', y')`` of the centre of mass on the road."""
 
     def small_angle(state: CarState, car: Car) -> tuple[Any, Any]:
-        return car.speed, state.lateral_velocity + car.speed * state.heading
+        # Not the bare speed: moved out of a loop over substeps, its product with the step would be rounded elsewhere.
+        return car.speed + 0.0 * state.heading, state.lateral_velocity + car.speed * state.heading
 
     def exact(state: CarState, car: Car) -> tuple[Any, Any]:
         sine = xp.sin(state.heading)

@@ -172,9 +172,21 @@ def test_constants_of_all_kinds_are_single_in_single_precision():
 
     single = compiled.in_single_precision(law)
     for function, number in ((single, numba.float32), (compiled.inlined(law), numba.float64)):
-        assert function(np.float32(0.3)) == pytest.approx(law(0.3), rel=1e-6)
+        assert called_by_compiled(function)(np.float32(0.3)) == pytest.approx(law(0.3), rel=1e-6)
         (overload,) = function.overloads.values()
         assert overload.signature.return_type == number
+
+
+def called_by_compiled(function):
+    return numba.njit(lambda x: function(x))
+
+
+def test_a_part_refuses_to_be_called_from_python():
+    """It has no way in: numba alone would jump to address 0."""
+    part = compiled.inlined(lambda x: 2.0 * x)
+    assert called_by_compiled(part)(3.0) == 6.0
+    with pytest.raises(TypeError, match="part of compiled functions"):
+        part(3.0)
 
 
 def test_nan_survives_compilation():
