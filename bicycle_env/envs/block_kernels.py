@@ -185,9 +185,13 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
             stored = rows[block * block_size : (block + 1) * block_size]
             for k in range(block_size):
                 scratch[k] = stored[k]
-            given = actions[row : row + here]
-            for k in range(here):
-                keep_action(scratch, k, (given[k, 0], given[k, axle]))
+            given = actions[row : row + here].reshape(-1)
+            if axle:  # constant distances once more
+                for k in range(here):
+                    keep_action(scratch, k, (given[2 * k], given[2 * k + 1]))
+            else:
+                for k in range(here):
+                    keep_action(scratch, k, (given[k], given[k]))
 
             # The step, in the three parts of tasks/transition.py.
             for k in range(length):

@@ -146,7 +146,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         edges = np.linspace(0, self._blocks, parts + 1).astype(int).tolist()
         self._parts = list(itertools.pairwise(edges))
         self._helpers = count - 1
-        self._pool = ThreadPoolExecutor(self._helpers) if self._helpers else None
+        self._pool: Any = ThreadPoolExecutor(self._helpers) if self._helpers else None
+        self._run = self._run_shared if self._helpers else self._step
 
     # Gymnasium's interface
 
@@ -208,10 +209,11 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             or not actions.flags.carray
         ):
             actions = converted_action(actions, self._action_shape, self.steer)
-        observation, values, flags, end = self._new_results()
-        ended = self._run(actions, observation, values, flags, end)
+        results = self._new_results()
+        ended = self._run(self._numbers, actions, self._addresses, *results, self._restarts, 0, self._blocks)
         if ended < 0:
-            ended = self._run_without(~np.all(np.isfinite(actions), axis=1), actions, observation, values, flags, end)
+            ended = self._run_without(~np.all(np.isfinite(actions), axis=1), actions, results)
+        observation, values, flags, end = results
         if self._plain or (not ended and not self.telemetry):
             here = self._everyone.copy()
             info = {"end": end, "cost": values[1], "_end": here, "_cost": here}
@@ -225,8 +227,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         """Stop the threads."""
         if self._pool is not None:
             self._pool.shutdown()
-            self._pool = None
-            self._parts = [(0, self._blocks)]
+            self._pool, self._run = None, self._step
 
     # What else a user may ask
 
@@ -294,10 +295,9 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             np.empty(self.num_envs, INT8),
         )
 
-    def _run(self, actions: Any, observation: Any, values: Any, flags: Any, end: Any) -> int:
-        arguments = (self._numbers, actions, self._addresses, observation, values, flags, end, self._restarts)
-        if self._pool is None:
-            return self._step(*arguments, 0, self._blocks)
+    def _run_shared(self, *arguments: Any) -> int:
+        """``_step``, its blocks shared among the threads."""
+        arguments, actions = arguments[:-2], arguments[1]
         finite = np.isfinite(actions)
         if not np.all(finite) and np.any(~np.all(finite, axis=1) & ~self._over):  # before any thread changes anything
             return block_kernels.BAD_ACTION
@@ -309,7 +309,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         """Step the blocks of one part after the other, as long as there are any."""
         return sum(self._step(*arguments, first, last) for first, last in parts)
 
-    def _run_without(self, bad: Any, actions: Any, observation: Any, values: Any, flags: Any, end: Any) -> int:
+    def _run_without(self, bad: Any, actions: Any, results: tuple[Any, Any, Any, Any]) -> int:
         """A step of which some rows' actions are not finite: refused, or the end of those rows' episodes."""
         bad &= ~self._over  # a row that is waiting takes no action
         if self.on_invalid == "raise":
@@ -317,7 +317,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             raise ValueError(f"actions must be finite, nominally in [-1, 1]; row {row} has {actions[row]}")
         spoiled = self._rows.copy_of(bad)
         finite = np.where(np.isfinite(actions), actions, FLOAT32.type(0.0))
-        self._run(finite, observation, values, flags, end)
+        self._run(self._numbers, finite, self._addresses, *results, self._restarts, 0, self._blocks)
+        observation, values, flags, end = results
         self._rows.put_back(spoiled, bad)
         self._rows.put({"end": INVALID_ACTION}, bad)
         self._kernels.look(self._numbers, bad, observation, values)
@@ -374,7 +375,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions, threads and addresses stay in their process: all are made anew.
-        left = ("_kernels", "_step", "_pool", "_helpers", "_parts", "_addresses", "_numbers", "_blocks")
+        left = ("_kernels", "_step", "_run", "_pool", "_helpers", "_parts", "_addresses", "_numbers", "_blocks")
         return {name: value for name, value in self.__dict__.items() if name not in left}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -20,10 +20,12 @@ from typing import Any
 import llvmlite.binding
 import numba
 import numpy as np
+from llvmlite import ir
 from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
+from numba.extending import intrinsic
 
 from bicycle_env.physics import elementary
 
@@ -55,7 +57,20 @@ def _choose(condition: Any, then: Any, otherwise: Any) -> Any:
     return then if condition else otherwise
 
 
-NUMBA: elementary.Namespace = elementary.namespace("numba", _choose, np.floor, inlined)
+@intrinsic  # type: ignore[untyped-decorator]
+def _multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
+    """LLVM's fmuladd. It may also fuse a * b + c by itself, but not where it has moved a * b out of a loop."""
+    kind = typing.unify_types(a, b, c)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        number = context.get_value_type(signature.return_type)
+        fused = builder.module.declare_intrinsic("llvm.fmuladd", [number], ir.FunctionType(number, [number] * 3))
+        return builder.call(fused, arguments)
+
+    return kind(kind, kind, kind), generate
+
+
+NUMBA: elementary.Namespace = elementary.namespace("numba", _choose, np.floor, inlined, multiply_add=_multiply_add)
 
 
 def _single(value: Any, names: tuple[str, ...] = ()) -> Any:
@@ -85,7 +100,7 @@ def in_single_precision(law: Callable[..., Any]) -> Any:
 
 
 NUMBA_FLOAT32: elementary.Namespace = elementary.namespace(
-    "numba_float32", _choose, np.floor, in_single_precision, rounding=2.0**-24
+    "numba_float32", _choose, np.floor, in_single_precision, rounding=2.0**-24, multiply_add=_multiply_add
 )
 
 

@@ -16,7 +16,7 @@ Rates = Callable[[CarState, Any, Car], CarState]
 def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, Car, Any], CarState]:
     """``advance(state, at_start, at_middle, at_end, car, timestep)``: one step, the input given at its three times."""
     rates = xp.function(rates)
-    along: Callable[[CarState, CarState, Any], CarState] = xp.function(moved)
+    along: Callable[[CarState, CarState, Any], CarState] = xp.function(moved(xp))
     weigh: Callable[[CarState, CarState, CarState, CarState], CarState] = xp.function(six_times_mean)
 
     def advance(state: CarState, at_start: Any, at_middle: Any, at_end: Any, car: Car, timestep: Any) -> CarState:
@@ -30,17 +30,22 @@ def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, Car, Any], 
     return advance
 
 
-def moved(state: CarState, rate: CarState, time: Any) -> CarState:
-    """state + time x rate."""
-    return CarState(
-        state.longitudinal_position + time * rate.longitudinal_position,
-        state.lateral_position + time * rate.lateral_position,
-        state.heading + time * rate.heading,
-        state.lateral_velocity + time * rate.lateral_velocity,
-        state.yaw_rate + time * rate.yaw_rate,
-        state.front_steer + time * rate.front_steer,
-        state.rear_steer + time * rate.rear_steer,
-    )
+def moved(xp: Any) -> Callable[[CarState, CarState, Any], CarState]:
+    """``moved(state, rate, time)``: state + time x rate."""
+    add = xp.multiply_add
+
+    def moved(state: CarState, rate: CarState, time: Any) -> CarState:
+        return CarState(
+            add(time, rate.longitudinal_position, state.longitudinal_position),
+            add(time, rate.lateral_position, state.lateral_position),
+            add(time, rate.heading, state.heading),
+            add(time, rate.lateral_velocity, state.lateral_velocity),
+            add(time, rate.yaw_rate, state.yaw_rate),
+            add(time, rate.front_steer, state.front_steer),
+            add(time, rate.rear_steer, state.rear_steer),
+        )
+
+    return moved
 
 
 def six_times_mean(k1: CarState, k2: CarState, k3: CarState, k4: CarState) -> CarState:

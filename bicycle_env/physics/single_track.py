@@ -198,8 +198,7 @@ def path_rates(xp: Any, geometry: str) -> Callable[[CarState, Car], tuple[Any, A
     """``(x', y')`` of the centre of mass on the road."""
 
     def small_angle(state: CarState, car: Car) -> tuple[Any, Any]:
-        # Not the bare speed: moved out of a loop over substeps, its product with the step would be rounded elsewhere.
-        return car.speed + 0.0 * state.heading, state.lateral_velocity + car.speed * state.heading
+        return car.speed, state.lateral_velocity + car.speed * state.heading
 
     def exact(state: CarState, car: Car) -> tuple[Any, Any]:
         sine = xp.sin(state.heading)
