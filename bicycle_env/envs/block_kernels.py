@@ -19,6 +19,7 @@ from bicycle_env.envs import blocks
 from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, store
 from bicycle_env.envs.draws import fetch, next_double
 from bicycle_env.physics import compiled
+from bicycle_env.physics.compiled import first_bit
 from bicycle_env.physics.single_track import Axles, axles
 from bicycle_env.physics.tires import Linear, Tire
 from bicycle_env.tasks.ends import corner_outside
@@ -141,7 +142,7 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
         return xp.maximum(xp.minimum(action, 1.0), -1.0) * steers
 
     limited = xp.function(limit)
-    largest = np.finfo(np.float32).max
+    largest, one = np.finfo(np.float32).max, np.uint64(1)
 
     def step(
         numbers: Any,
@@ -204,13 +205,13 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
                 keep_command(scratch, k, command)
                 scratch[k + stage_column] = stage
                 scratch[k + waits_column] = xp.where(episode.is_over(scratch, k, step_limit), 1.0, 0.0)
-            waiting = 0
+            waiting = np.uint64(0)  # bit k: car k
             for k in range(here):
-                waiting += scratch[k + waits_column] > 0.0
-            if waiting:  # their generators may be far away in memory: on their way while the others drive
-                for k in range(here):
-                    if scratch[k + waits_column] > 0.0:
-                        fetch(generators[row + k])
+                waiting |= np.uint64(scratch[k + waits_column] > 0.0) << np.uint64(k)
+            left = waiting
+            while left:  # their generators may be far away in memory: on their way while the others drive
+                fetch(generators[row + first_bit(left)])
+                left &= left - one
             for _ in range(substeps):
                 for k in range(length):
                     command = read_command(scratch, k)
@@ -231,15 +232,16 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
                 scratch[k + end_column] = code
 
             # Cars that have been waiting did not take that step: they start anew, or stay as they were.
-            if waiting:
-                for k in range(here):
-                    if scratch[k + waits_column] > 0.0:
-                        if restarts:
-                            episode.begin(scratch, k, shared, drawn, generators[row + k])
-                        else:
-                            for j in range(block_columns):
-                                scratch[k + j * length] = stored[k + j * length]
-                        keep_result(scratch, k, (0.0, episode.cost(scratch, k, shared)))
+            left = waiting
+            while left:
+                k = first_bit(left)
+                left &= left - one
+                if restarts:
+                    episode.begin(scratch, k, shared, drawn, generators[row + k])
+                else:
+                    for j in range(block_columns):
+                        scratch[k + j * length] = stored[k + j * length]
+                keep_result(scratch, k, (0.0, episode.cost(scratch, k, shared)))
             for k in range(block_size):
                 stored[k] = scratch[k]
 

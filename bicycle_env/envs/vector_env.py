@@ -303,7 +303,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             return block_kernels.BAD_ACTION
         parts = iter(self._parts)
         others = [self._pool.submit(self._take, parts, arguments) for _ in range(self._helpers)]
-        return self._take(parts, arguments) + sum(other.result() for other in others)
+        ended: int = self._take(parts, arguments) + sum(other.result() for other in others)
+        return ended
 
     def _take(self, parts: Iterator[tuple[int, int]], arguments: tuple[Any, ...]) -> int:
         """Step the blocks of one part after the other, as long as there are any."""

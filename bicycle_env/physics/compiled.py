@@ -73,6 +73,16 @@ def _multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
 NUMBA: elementary.Namespace = elementary.namespace("numba", _choose, np.floor, inlined, multiply_add=_multiply_add)
 
 
+@intrinsic  # type: ignore[untyped-decorator]
+def first_bit(_typing: Any, _bits: Any) -> Any:
+    """``first_bit(bits) -> int64`` of a uint64: the place of the lowest bit that is set; there must be one."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return numba.int64(numba.uint64), generate
+
+
 def _single(value: Any, names: tuple[str, ...] = ()) -> Any:
     """A constant in single precision: numba would compute float32 x 0.5 in float64. `names`: read from modules."""
     if isinstance(value, float):

@@ -125,7 +125,7 @@ def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles
             front_force,
             rear_force,
             (front_sideways + rear_sideways) * per_mass,  # 6.18
-            (car.cg_to_front * front_sideways - car.cg_to_rear * rear_sideways) * per_inertia,  # 6.19
+            front_sideways * (car.cg_to_front * per_inertia) - rear_sideways * (car.cg_to_rear * per_inertia),  # 6.19
         )
 
     return axles
