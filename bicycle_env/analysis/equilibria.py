@@ -211,10 +211,12 @@ def turns_at(balance: RearBalance, steer: tuple[float, float], sideslip_limit: f
     values = balance.residual(nodes, *steer)
     at_nodes = nodes[(values == 0.0) & ~sliding]
     change = ~(sliding[1:] | sliding[:-1]) & (values[1:] * values[:-1] < 0.0)
-    between = np.array([_root(balance.residual, steer, *pair) for pair in _brackets(nodes, change)])
-    # At the critical speed three turns are one; rounding, 1e-16, parts them by its root.
-    same = np.abs(between[:, None] - at_nodes) < 1e-7 * balance.model.rear_slip_scale
-    slips = np.concatenate([at_nodes, between[~np.any(same, axis=1)]])
+    between = [_root(balance.residual, steer, *pair) for pair in _brackets(nodes, change)]
+    # At the critical speed three turns are one; rounding, 1e-16, parts them by its root. Straight running stays exact.
+    slips = np.empty(0)
+    for slip in sorted([*at_nodes, *between], key=abs):
+        if np.all(np.abs(slip - slips) >= 1e-7 * balance.model.rear_slip_scale):
+            slips = np.append(slips, slip)
     inside: NDArray[np.bool_] = np.abs(balance.state(slips, steer[1])[0]) <= sideslip_limit * balance.model.speed
     return slips[inside]
 
