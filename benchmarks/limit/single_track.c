@@ -108,7 +108,7 @@ static inline State rates(State s, REAL front_command, REAL rear_command, const 
 #endif
     d.heading = s.r;
     d.v = (yf + yr) * (1.0 / w[MASS]) - s.r * w[SPEED];
-    d.r = (w[A] * yf - w[B] * yr) * (1.0 / w[INERTIA]);
+    d.r = yf * (w[A] * (1.0 / w[INERTIA])) - yr * (w[B] * (1.0 / w[INERTIA]));
     d.front = most(least((front_command - s.front) * (1.0 / w[FRONT_LAG]), w[FRONT_RATE]), -w[FRONT_RATE]);
     d.rear = most(least((rear_command - s.rear) * (1.0 / w[REAR_LAG]), w[REAR_RATE]), -w[REAR_RATE]);
     return d;
@@ -118,6 +118,11 @@ static inline State moved(State s, State d, REAL t) {
     s.x += t * d.x; s.y += t * d.y; s.heading += t * d.heading; s.v += t * d.v; s.r += t * d.r;
     s.front += t * d.front; s.rear += t * d.rear;
     return s;
+}
+
+#define SUM(name) k1.name + (REAL)2.0 * (k2.name + k3.name) + k4.name
+static inline State six_times_mean(State k1, State k2, State k3, State k4) {
+    return (State){SUM(x), SUM(y), SUM(heading), SUM(v), SUM(r), SUM(front), SUM(rear)};
 }
 
 long step(REAL *numbers, const float *actions, const uint64_t *generators, float *observation, double *values, uint8_t *flags,
@@ -158,7 +163,7 @@ long step(REAL *numbers, const float *actions, const uint64_t *generators, float
                 State k2 = rates(moved(s, k1, 0.5 * h), front_command[k], rear_command[k], w);
                 State k3 = rates(moved(s, k2, 0.5 * h), front_command[k], rear_command[k], w);
                 State k4 = rates(moved(s, k3, h), front_command[k], rear_command[k], w);
-                s = moved(moved(moved(moved(s, k1, h / 6.0), k2, h / 3.0), k3, h / 3.0), k4, h / 6.0);
+                s = moved(s, six_times_mean(k1, k2, k3, k4), h / 6.0);
                 c[X][k] = s.x; c[Y][k] = s.y; c[HEADING][k] = s.heading; c[V][k] = s.v; c[R][k] = s.r;
                 c[FRONT][k] = s.front; c[REAR][k] = s.rear;
             }
