@@ -22,7 +22,10 @@ KEPT = ("front_steer_command", "rear_steer_command", "steps", "settled_steps")
 """The numbers of Memory, without the route."""
 
 ROW_COST = {4: 2.0, 8: 1.4, 64: 1.0}
-"""Rows a block, and what a row costs in it, roughly: in a long block one row's work fills the waiting of another's."""
+"""Rows a block, and what a row costs in it, roughly: in a long block one row's work fills the waiting of another's.
+
+At most 64: a step keeps the waiting cars of a block as the bits of one number.
+"""
 
 
 def best_length(num_envs: int) -> int:
