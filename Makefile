@@ -50,6 +50,7 @@ benchmark: $(VENV)/.installed-bench
 benchmark-vector: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/vector_env.py --most 1000000 --json results/vector_env.json
 	$(BIN)/python benchmarks/picture.py
+	$(BIN)/python benchmarks/one_car.py --json results/one_car.json
 
 compat: $(VENV)/.installed-test
 	$(BIN)/python tools/compat.py

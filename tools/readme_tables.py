@@ -150,6 +150,13 @@ def vector() -> str:
     return "\n".join([*lines, "", made(result, more)])
 
 
+def one_car() -> str:
+    result = read("one_car.json")
+    lines = ["| one car | microseconds a step |", "|---|---|"]
+    lines += [f"| {name} | {value:.2f} |" for name, value in result["microseconds a step"].items()]
+    return "\n".join([*lines, "", made(result, f"{result['tire']} tire. `results/one_car.json`.")])
+
+
 def tensors() -> str:
     result = read("torch_env.json")
     sizes = list(result["rows"][0]["steps_per_second"])
@@ -188,6 +195,7 @@ TABLES = {
         lane_change_ppo,
         speed,
         vector,
+        one_car,
         tensors,
         room,
         controllers_stab,
