@@ -187,7 +187,7 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
             for k in range(block_size):
                 scratch[k] = stored[k]
             given = actions[row : row + here].reshape(-1)
-            if axle:  # constant distances once more
+            if axle:  # both are steered; written apart, because constant distances vectorise
                 for k in range(here):
                     keep_action(scratch, k, (given[2 * k], given[2 * k + 1]))
             else:

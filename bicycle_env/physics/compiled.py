@@ -24,6 +24,7 @@ from llvmlite import ir
 from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
 from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
@@ -212,6 +213,8 @@ def _feed(update: Callable[[bytes], None], item: Any, seen: set[int], names: tup
 
     if isinstance(item, Dispatcher):
         item = item.py_func
+    if isinstance(item, _Intrinsic) and item.__module__.partition(".")[0] not in _VERSIONED:
+        item = item.__wrapped__
     if isinstance(item, FunctionType):
         word("function", item.__name__)
         if id(item) in seen:
@@ -248,7 +251,7 @@ def _feed(update: Callable[[bytes], None], item: Any, seen: set[int], names: tup
     elif isinstance(item, (int, float, complex, str, bytes, type(None))):
         word(type(item).__name__, item)
     else:
-        # Built-in functions, numpy functions and numba's intrinsics.
+        # Built-in functions, numpy functions and numba's own intrinsics.
         word("other", getattr(item, "__module__", type(item).__module__), getattr(item, "__name__", str(type(item))))
 
 

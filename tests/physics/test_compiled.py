@@ -8,6 +8,7 @@ import sys
 import numba
 import numpy as np
 import pytest
+from numba.extending import intrinsic
 
 from bicycle_env.physics import compiled, elementary, tires
 from bicycle_env.physics.compiled import NUMBA, digest, entry_point
@@ -145,6 +146,23 @@ def test_the_digest_of_the_physics_sees_the_polynomials(monkeypatch, name):
     changed = (*value[:-1], value[-1] * 1.0000001) if isinstance(value, tuple) else value * 1.0000001
     monkeypatch.setattr(elementary, name, changed)
     assert made_anew() != before
+
+
+def test_the_digest_sees_what_an_intrinsic_generates():
+    """Two of one name, one of which looks at another bit, must not share what the cache holds."""
+
+    def using(place):
+        @intrinsic
+        def looked_up(_typing, _number):
+            def generate(_context, builder, _signature, arguments):
+                return builder.ashr(arguments[0], arguments[0].type(place))
+
+            return numba.int64(numba.int64), generate
+
+        return digest(lambda number: looked_up(number))
+
+    assert using(1) == using(1)
+    assert using(1) != using(2)
 
 
 def test_the_digest_of_the_physics_sees_a_function_of_the_namespace(monkeypatch):
