@@ -20,8 +20,7 @@ import gymnasium as gym
 import numba
 import numpy as np
 
-import bicycle_env  # noqa: F401 (registers the environments)
-from bicycle_env import provenance
+from bicycle_env import provenance, tires
 from bicycle_env.files import write_json
 
 STEPS = 2000  # a round
@@ -65,10 +64,12 @@ def single(tire: str, substeps: int) -> Any:
 def main() -> int:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tire", default="tanh", help="tire of both environments (default tanh)")
+    parser.add_argument("--tire", default="tanh", choices=tires.LAWS, help="tire of both environments (default tanh)")
     parser.add_argument("--rounds", type=int, default=60, help="rounds, of which the shortest counts (default 60)")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     options = parser.parse_args()
+    if options.rounds < 1:
+        parser.error(f"--rounds must be >= 1, got {options.rounds}")
     steps = {
         "single environment": single(options.tire, substeps=5),
         "single environment, one RK4 step instead of five": single(options.tire, substeps=1),
@@ -86,7 +87,7 @@ def main() -> int:
         print(f"{name:50s}{microseconds:8.2f} microseconds a step")
     if options.json:
         result = {
-            "command": "python benchmarks/one_car.py",
+            "command": f"python benchmarks/one_car.py --tire {options.tire} --rounds {options.rounds}",
             **provenance.collect(),
             "tire": options.tire,
             "microseconds a step": {name: round(value, 2) for name, value in best.items()},
