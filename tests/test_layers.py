@@ -37,7 +37,7 @@ EVERYTHING = {
 }
 
 ROWS = {
-    "physics": Row(set(), {"numpy", "numba", "llvmlite"}),  # llvmlite: numba's own way to its compiler
+    "physics": Row({"files"}, {"numpy", "numba", "llvmlite"}),  # llvmlite: numba's own way to its compiler
     "files": Row(set(), set()),
     "provenance": Row(set(), set()),
     "analysis": Row({"physics"}, {"numpy", "scipy", "numba"}, lazy_packages={"control", "tqdm"}),

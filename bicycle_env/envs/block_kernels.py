@@ -18,7 +18,7 @@ import numpy as np
 from bicycle_env.envs import blocks
 from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, store
 from bicycle_env.envs.draws import fetch, next_double
-from bicycle_env.physics import compiled
+from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import first_bit
 from bicycle_env.physics.single_track import Axles, axles
 from bicycle_env.physics.tires import Linear, Tire
@@ -356,7 +356,7 @@ def _measure(kind: Kind, tire: Tire, geometry: str) -> Any:
             keep_acting(out[row], 0, axles_law(state, mine.car))
             keep_reference(out[row], 0, reference_law(state, access.route(block, k), mine))
 
-    with compiled.progress(_label(kind, tire, geometry)):
+    with announcements.progress(_label(kind, tire, geometry)):
         return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)
 
 
@@ -373,6 +373,6 @@ def kernels(kind: Kind, tire: Tire, geometry: str, reward: str) -> Kernels:
     def measure(numbers: Any, out: Any) -> None:
         _measure(kind, tire, geometry)(numbers, out)
 
-    with compiled.progress(_label(kind, tire, geometry)):
+    with announcements.progress(_label(kind, tire, geometry)):
         start, look = _beginning(kind)
         return Kernels(_step(kind, tire, geometry, reward), start, look, measure)

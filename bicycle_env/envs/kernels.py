@@ -17,7 +17,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
-from bicycle_env.physics import compiled
+from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import NUMBA
 from bicycle_env.physics.single_track import Car, CarState, axles
 from bicycle_env.physics.tires import Tire
@@ -209,7 +209,7 @@ def _measuring(task_class: type[Task], tire: Tire, geometry: str) -> Any:
         for j in range(len(reference)):
             out[len(acting) + j] = reference[j]
 
-    with compiled.progress(_label(task_class, tire, geometry)):
+    with announcements.progress(_label(task_class, tire, geometry)):
         return compiled.entry_point(measure, numba.void(_row, _row))
 
 
@@ -223,6 +223,6 @@ def kernels(task_class: type[Task], tire: Tire, geometry: str, reward: str) -> K
     def measure(memory: Any, out: Any) -> None:
         _measuring(task_class, tire, geometry)(memory, out)
 
-    with compiled.progress(_label(task_class, tire, geometry)):
+    with announcements.progress(_label(task_class, tire, geometry)):
         start, look = _beginning(task_class)
         return Kernels(start, look, _stepping(task_class, tire, geometry, reward), measure)

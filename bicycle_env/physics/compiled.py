@@ -12,16 +12,15 @@ import contextlib
 import functools
 import hashlib
 import sys
-import time
 from collections.abc import Callable, Iterator
 from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
+import llvmlite
 import llvmlite.binding
 import numba
 import numpy as np
 from llvmlite import ir
-from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
@@ -29,11 +28,16 @@ from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 from bicycle_env.physics import elementary
+from bicycle_env.physics.compile_cache import ContentCache
 
 # contract: a*b+c may be one instruction. No other licence: `reassoc` makes a row depend on its neighbours, `nnan`
 # deletes the NaN checks.
 FASTMATH = {"contract"}
 COMMON = {"error_model": "numpy", "fastmath": FASTMATH, "no_cfunc_wrapper": True}
+
+
+class CompilerDisabledError(RuntimeError):
+    """The user has switched numba's compiler off."""
 
 
 class Part(CPUDispatcher):  # type: ignore[misc]
@@ -46,7 +50,7 @@ class Part(CPUDispatcher):  # type: ignore[misc]
 
 def inlined(law: Callable[..., Any]) -> Any:
     """A law as a part of a larger compiled function."""
-    if isinstance(law, Dispatcher):
+    if isinstance(law, Dispatcher) or numba.config.DISABLE_JIT:  # then entry_point says what is wrong
         return law
     part: Any = numba.njit(law, forceinline=True, no_cpython_wrapper=True, **COMMON)
     part.__class__ = Part
@@ -118,20 +122,20 @@ NUMBA_FLOAT32: elementary.Namespace = elementary.namespace(
 def entry_point(
     function: Callable[..., Any], signature: Any, nogil: bool = False, interleave: int = 0
 ) -> Callable[..., Any]:
-    """Compile a function for one signature, or load it from the cache on disk; see :func:`progress`.
+    """Compile a function for one signature, or load it from the cache on disk; see :mod:`announcements`.
 
     `nogil`: other threads may run beside it. `interleave`: how many vectors of rows its loops take at a time, which
-    fills the waiting of one with the work of another; 0 leaves it to the compiler. Raises RuntimeError where
+    fills the waiting of one with the work of another; 0 leaves it to the compiler. Raises CompilerDisabledError where
     NUMBA_DISABLE_JIT is set: the entry points use what only compiled code can.
     """
     if numba.config.DISABLE_JIT:
-        raise RuntimeError("bicycle_env needs numba's compiler, and NUMBA_DISABLE_JIT is set: unset it")
-    content = digest(function) + ("-nogil" if nogil else "") + f"-{interleave}"  # numba's key does not know them
-    # One file per content: two processes that compile different variants never write the same file.
+        raise CompilerDisabledError("bicycle_env needs numba's compiler, and NUMBA_DISABLE_JIT is set: unset it")
+    what = f"{digest(function)} {signature} {nogil} {interleave} {llvmlite.__version__}"
+    content = hashlib.sha256(what.encode()).hexdigest()
+    # The linker looks for code by name: what is loaded must not be taken for another content's.
     function.__qualname__ = f"{function.__name__}-{content[:20]}"
     dispatcher: Any = numba.njit(function, nogil=nogil, **COMMON)
-    with contextlib.suppress(RuntimeError):  # no writable folder: compile in every process
-        dispatcher._cache = _ContentCache(function, content)
+    dispatcher._cache = ContentCache(function, content)
     with _interleaved(interleave):
         dispatcher.compile(signature)
     dispatcher.disable_compile()
@@ -150,48 +154,6 @@ def _interleaved(count: int) -> Iterator[None]:
         finally:
             if count:
                 llvmlite.binding.set_option("", "-force-vector-interleave=0")
-
-
-class _ContentCache(FunctionCache):  # type: ignore[misc]
-    def __init__(self, function: Callable[..., Any], content: str) -> None:
-        super().__init__(function)
-        self._content = content
-
-    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        return sig, codegen.magic_tuple(), self._content
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        found = super().load_overload(sig, target_context)
-        if found is None:
-            _announce()
-        return found
-
-
-_label: list[str] = []
-
-
-@contextlib.contextmanager
-def progress(label: str) -> Iterator[None]:
-    """While inside, the first entry point that is not in the cache prints one line with `label` to stderr."""
-    _label.append(label)
-    start = time.perf_counter()
-    try:
-        yield
-    finally:
-        announced = not _label or _label.pop() == ""
-        if announced:
-            _say(f" {time.perf_counter() - start:.0f} s\n")
-
-
-def _announce() -> None:
-    if _label and _label[-1]:
-        _say(f"bicycle_env: compiling {_label[-1]}, once for this machine ...")
-        _label[-1] = ""
-
-
-def _say(text: str) -> None:
-    sys.stderr.write(text)
-    sys.stderr.flush()
 
 
 def digest(function: Any) -> str:

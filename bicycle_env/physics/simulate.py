@@ -11,7 +11,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import ArrayLike, NDArray
 
-from bicycle_env.physics import compiled, tires
+from bicycle_env.physics import announcements, compiled, tires
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.integrators import check_timestep, rk4
@@ -156,7 +156,7 @@ def _integrator(tire: tires.Tire, geometry: str) -> Callable[..., None]:
             states[j, len(inputs)] = state[j]
 
     row = numba.float64[::1]
-    with compiled.progress(f"simulate for the {type(tire).__name__} tire, {geometry} geometry"):
+    with announcements.progress(f"simulate for the {type(tire).__name__} tire, {geometry} geometry"):
         return compiled.entry_point(
             integrate, numba.void(row, row, numba.float64[:, :, ::1], numba.float64, numba.float64[:, ::1])
         )

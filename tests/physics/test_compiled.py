@@ -1,4 +1,4 @@
-"""The compile cache: what makes a digest change, and that compiled code survives the process."""
+"""What makes a digest change, what entry points accept, and that compiled code survives the process."""
 
 import math
 import os
@@ -246,44 +246,6 @@ def test_a_changed_constant_is_not_answered_from_the_cache(empty_cache, one, oth
     assert build(one)(2.0) == 3.0
 
 
-def test_a_compiled_function_is_kept_on_disk_under_its_content(empty_cache):
-    def law(x):
-        return 3.0 * x
-
-    content = digest(law)
-    entry_point(law, numba.float64(numba.float64))
-    files = [path.name for path in empty_cache.rglob("*.nb?")]
-    assert len(files) == 2  # an index and the code
-    assert all(content[:20] in name for name in files)
-
-
-def test_nothing_is_said_outside_of_progress(capfd, empty_cache):
-    def law(x):
-        return 4.0 * x
-
-    entry_point(law, numba.float64(numba.float64))
-    captured = capfd.readouterr()
-    assert captured.err == captured.out == ""
-
-
-def test_progress_prints_one_line_for_several_entry_points(capfd, empty_cache):
-    def first(x):
-        return 5.0 * x
-
-    def second(x):
-        return 5.0 + x
-
-    for _ in range(2):  # the second time from the cache
-        with compiled.progress("two laws"):
-            entry_point(first, numba.float64(numba.float64))
-            entry_point(second, numba.float64(numba.float64))
-    captured = capfd.readouterr()
-    assert captured.out == ""
-    lines = captured.err.splitlines()
-    assert len(lines) == 1
-    assert lines[0].startswith("bicycle_env: compiling two laws, once for this machine ... ")
-
-
 PROGRAM = """
 import bicycle_env
 run = bicycle_env.simulate("oversteer", 30.0, (0.02, 0.0), 0.1, tire="tanh")
@@ -295,8 +257,8 @@ print(run["yaw_rate"][-1].hex())
 def process(tmp_path):
     """Run a program in a new process whose compile cache is an empty folder at first."""
 
-    def process(program):
-        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    def process(program, **settings):
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")} | settings
         done = subprocess.run(
             [sys.executable, "-W", "error", "-c", program], env=environment, capture_output=True, text=True, check=False
         )
@@ -315,3 +277,30 @@ def test_compiled_code_survives_the_process(process):
     assert second.stdout == first.stdout
     assert other.stderr.count("compiling") == 1
     assert other.stdout != first.stdout
+
+
+def test_without_the_compiler_the_closed_forms_work_and_the_rest_says_why(process):
+    program = """
+import bicycle_env
+print(bicycle_env.analysis.critical_speed("oversteer"))
+try:
+    bicycle_env.simulate("oversteer", 30.0, (0.02, 0.0), 0.1)
+except RuntimeError as error:
+    print(error)
+"""
+    done = process(program, NUMBA_DISABLE_JIT="1")
+    speed, words = done.stdout.splitlines()
+    assert float(speed) == pytest.approx(36.06, abs=0.01)
+    assert words == "bicycle_env needs numba's compiler, and NUMBA_DISABLE_JIT is set: unset it"
+
+
+def test_each_processor_has_files_of_its_own(process, tmp_path):
+    """Some that share a disk must not run each other's code, whatever they are told to compile for."""
+    programs = [PROGRAM + f"# {number}" for number in range(3)]
+    settings = [{}, {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, {"NUMBA_CPU_FEATURES": ""}]
+    for program, setting in zip(programs, settings, strict=True):
+        assert process(program, **setting).stderr.count("compiling") == 1
+        assert process(program, **setting).stderr == ""
+    names = [path.name for path in (tmp_path / "cache").rglob("*.nbc")]
+    assert len(names) == 3
+    assert len({name.rpartition("-")[0] for name in names}) == 1

@@ -12,7 +12,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
-from bicycle_env.physics import compiled
+from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import NUMBA
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import Car, CarState, single_track
@@ -42,7 +42,7 @@ def saved_by_feedback(
     """
     table = np.stack([np.ravel(np.asarray(values, dtype=np.float64)) for values in starts])
     saved = np.zeros(table.shape[1], dtype=np.bool_)
-    with compiled.progress(f"linear feedback on the {type(tire).__name__} tire, {geometry} geometry"):
+    with announcements.progress(f"linear feedback on the {type(tire).__name__} tire, {geometry} geometry"):
         drive = _feedback(tire, geometry)
     numbers = np.array([*limits, *goal])
     drive(np.array(car), table, np.ascontiguousarray(gain), timestep, math.ceil(horizon / timestep), numbers, saved)

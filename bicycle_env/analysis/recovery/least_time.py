@@ -24,7 +24,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
-from bicycle_env.physics import compiled
+from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import NUMBA
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import Car, CarState, single_track
@@ -67,7 +67,7 @@ def steps(
 ) -> Steps:
     """One RK4 step from each node for each pair (front, rear) of `steer` (angles, 2), about ``CELLS`` cells long."""
     out = np.empty((6, len(lateral_velocity), len(yaw_rate), len(steer)))
-    with compiled.progress(f"recoverable set for the {type(tire).__name__} tire, {geometry} geometry"):
+    with announcements.progress(f"recoverable set for the {type(tire).__name__} tire, {geometry} geometry"):
         fill = _stepper(tire, geometry)
     fill(np.array(car), lateral_velocity, yaw_rate, np.ascontiguousarray(steer), longest, out)
     return Steps(*out)
@@ -208,7 +208,7 @@ def _plane_sweep() -> Callable[..., float]:
         return change
 
     cube = numba.float64[:, :, ::1]
-    with compiled.progress("recoverable set"):
+    with announcements.progress("recoverable set"):
         return compiled.entry_point(
             sweep, numba.float64(_matrix, numba.int64[:, :, ::1], cube, cube, cube, numba.int64)
         )
@@ -287,7 +287,7 @@ def _lane_sweep() -> Callable[..., float]:
         return change
 
     cube = numba.float64[:, :, ::1]
-    with compiled.progress("recoverable set in a lane"):
+    with announcements.progress("recoverable set in a lane"):
         return compiled.entry_point(
             sweep,
             numba.float64(
