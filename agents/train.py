@@ -36,6 +36,7 @@ from agents.evaluate import make_vector_env, parse_keywords
 from agents.messages import UserError
 from bicycle_env import provenance
 from bicycle_env.files import write_bytes, write_json
+from bicycle_env.physics import announcements
 from bicycle_env.wrappers import SB3VecEnv
 
 CHECKPOINTS = 10
@@ -66,7 +67,7 @@ class Args:
     config: Path | None = None
     """Settings file (TOML) in place of the shipped one."""
     quiet: bool = False
-    """No progress bar."""
+    """No progress bar, and no word about what compiles."""
 
 
 def build(args: Args, chosen: settings.Settings, keywords: dict[str, Any], tensorboard: Path) -> BaseAlgorithm:
@@ -293,7 +294,9 @@ def _summary(console: Console, args: Args, folder: Path, model: BaseAlgorithm, s
 
 
 def main() -> None:
-    train(tyro.cli(Args, prog="python -m agents.train", description=__doc__), Console())
+    args = tyro.cli(Args, prog="python -m agents.train", description=__doc__)
+    with announcements.silenced(args.quiet):
+        train(args, Console())
 
 
 if __name__ == "__main__":

@@ -11,7 +11,10 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from bicycle_env import __version__, report, tires
+from bicycle_env.physics import announcements
+from bicycle_env.physics.compiled import CompilerDisabledError
 from bicycle_env.physics.validation import choice
+from bicycle_env.streams import take_any_text
 
 PROGRAM = "bicycle-env"
 REPORT = """\
@@ -57,6 +60,7 @@ class Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; 0, or 2 with one line on standard error for a user's mistake, 130 for Ctrl-C."""
+    take_any_text()
     try:
         chosen = parser().parse_args(arguments)
         chosen.run(chosen)
@@ -64,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `| head` has read enough; nothing is left to say to it when Python ends
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (UserError, ModuleNotFoundError) as error:
+    except (UserError, ModuleNotFoundError, CompilerDisabledError) as error:
         return _complain(error)
     except OSError as error:
         return _complain(f"{error.filename}: {error.strerror}" if error.filename else error)
@@ -150,10 +154,11 @@ def run_report(chosen: argparse.Namespace) -> None:
     page = None
     if chosen.out == "":
         raise UserError("--out must name a folder, got ''")
-    if chosen.out is not None:
-        page = report.write(study, chosen.out, tell)
-    else:
-        report.compute(study, tell)
+    with announcements.silenced(chosen.quiet):
+        if chosen.out is not None:
+            page = report.write(study, chosen.out, tell)
+        else:
+            report.compute(study, tell)
     if chosen.json:
         _write_json(report.as_json(study))
     elif page is None:

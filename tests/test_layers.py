@@ -32,6 +32,7 @@ EVERYTHING = {
     "registration",
     "files",
     "provenance",
+    "streams",
     "plots",
     "root",
 }
@@ -40,6 +41,7 @@ ROWS = {
     "physics": Row({"files"}, {"numpy", "numba", "llvmlite"}),  # llvmlite: numba's own way to its compiler
     "files": Row(set(), set()),
     "provenance": Row(set(), set()),
+    "streams": Row(set(), set()),
     "analysis": Row({"physics"}, {"numpy", "scipy", "numba"}, lazy_packages={"control", "tqdm"}),
     "tasks": Row({"analysis", "physics"}, {"numpy"}),
     "control": Row({*BELOW_ENVS, "files"}, {"numpy", "scipy", "numba"}, lazy_packages={"casadi", "safetensors"}),
