@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 SOURCE = Path(__file__).parent / "single_track.c"
-STRICT = ("-O3", "-march=native")
+STRICT = ("-O3", "-march=native", "-ffp-contract=off")
 FAST = ("-O3", "-march=native", "-ffast-math")
 
 

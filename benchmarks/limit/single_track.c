@@ -27,25 +27,32 @@ enum {
     PER_SCALE = COSTS + 8 + 4, ENTRIES = 8, BOUND = PER_SCALE + ENTRIES
 };
 
+/* a b + c, rounded once, where the laws say xp.multiply_add. */
+#ifdef SINGLE
+#define ADD(a, b, c) __builtin_fmaf(a, b, c)
+#else
+#define ADD(a, b, c) __builtin_fma(a, b, c)
+#endif
+
 static inline REAL least(REAL a, REAL b) { return a < b ? a : b; }
 static inline REAL most(REAL a, REAL b) { return a > b ? a : b; }
 
 #ifdef TIRE_LINEAR
 static inline REAL near_sine(REAL r) {
     REAL z = r * r, z2 = z * z;
-    REAL low = (-0.16666666666666666 + z * 0.008333333333333316) + z2 * (-0.00019841269841254795 + z * 2.7557319219115013e-06);
-    REAL high = (-2.505210761086116e-08 + z * 1.6058976915095007e-10) + z2 * (-7.643957622560617e-13 + z * 2.7312868913092307e-15);
-    return r + (r * z) * (low + (z2 * z2) * high);
+    REAL low = ADD(z2, ADD(z, 2.7557319219115013e-06, -0.00019841269841254795), ADD(z, 0.008333333333333316, -0.16666666666666666));
+    REAL high = ADD(z2, ADD(z, 2.7312868913092307e-15, -7.643957622560617e-13), ADD(z, 1.6058976915095007e-10, -2.505210761086116e-08));
+    return ADD(r * z, ADD(z2 * z2, high, low), r);
 }
 static inline REAL near_cosine(REAL r) {
     REAL z = r * r, z2 = z * z;
-    REAL low = (0.04166666666666666 + z * -0.0013888888888884717) + z2 * (2.4801587298886815e-05 + z * -2.755731856817136e-07);
-    REAL high = (2.0876681108263528e-09 + z * -1.1466234424282487e-11) + z2 * 4.646173408703228e-14;
-    return (1.0 - 0.5 * z) + z2 * (low + (z2 * z2) * high);
+    REAL low = ADD(z2, ADD(z, -2.755731856817136e-07, 2.4801587298886815e-05), ADD(z, -0.0013888888888884717, 0.04166666666666666));
+    REAL high = ADD(z2, 4.646173408703228e-14, ADD(z, -1.1466234424282487e-11, 2.0876681108263528e-09));
+    return ADD(z2, ADD(z2 * z2, high, low), ADD(-0.5, z, 1.0));
 }
-static inline REAL half_turns(REAL size) { return floor(size * (1.0 / M_PI) + 0.5); }
+static inline REAL half_turns(REAL size) { return floor(ADD(size, 1.0 / M_PI, 0.5)); }
 static inline REAL reduced(REAL size, REAL n) {
-    return ((size - n * 3.1415926534682512) - n * 1.2154201012607932e-10) - n * 4.044532497591901e-21;
+    return ADD(n, -4.044532497591901e-21, ADD(n, -1.2154201012607932e-10, ADD(n, -3.1415926534682512, size)));
 }
 static inline REAL sign(REAL n) { return 1.0 - 2.0 * (n - 2.0 * floor(0.5 * n)); }
 static inline REAL sine(REAL x) {
@@ -56,7 +63,7 @@ static inline REAL cosine(REAL x) {
     REAL n = half_turns(fabs(x));
     return sign(n) * near_cosine(reduced(fabs(x), n));
 }
-#define ANGLE(x) (x)
+#define SLIP(velocity, per_speed, steer) ADD(velocity, per_speed, -(steer))
 #define STEERED(x) ((REAL)1.0)
 #define FORCE(slip, stiffness, peak) (-(stiffness) * (slip))
 #else
@@ -69,7 +76,7 @@ VECTOR(sine, sinf) VECTOR(cosine, cosf) VECTOR(tangent, tanf) VECTOR(arctangent,
 #else
 VECTOR(sine, sin) VECTOR(cosine, cos) VECTOR(tangent, tan) VECTOR(arctangent, atan) VECTOR(hyperbolic, tanh)
 #endif
-#define ANGLE(x) arctangent(x)
+#define SLIP(velocity, per_speed, steer) (arctangent((velocity) * (per_speed)) - (steer))
 #define STEERED(x) cosine(x)
 #ifdef TIRE_TANH
 static inline REAL force(REAL slip, REAL stiffness, REAL peak) { return -peak * hyperbolic(slip * (stiffness / peak)); }
@@ -77,13 +84,13 @@ static inline REAL force(REAL slip, REAL stiffness, REAL peak) { return -peak * 
 static inline REAL force(REAL slip, REAL stiffness, REAL peak) {
     REAL sliding = arctangent(3.0 * peak / stiffness);
     REAL z = least(tangent(least(fabs(slip), sliding)) * (stiffness / (3.0 * peak)), 1.0);
-    REAL y = peak * (z * (3.0 - z * (3.0 - z)));
+    REAL y = peak * (z * ADD(-z, 3.0 - z, 3.0));
     return slip > 0.0 ? -y : y;
 }
 #else
 static inline REAL force(REAL slip, REAL stiffness, REAL peak) {
     REAL x = slip * (stiffness / (1.3 * peak));
-    return -peak * sine(1.3 * arctangent(x + 1.0 * (x - arctangent(x))));
+    return -peak * sine(1.3 * arctangent(ADD(1.0, x - arctangent(x), x)));
 }
 #endif
 #define FORCE(slip, stiffness, peak) force(slip, stiffness, peak)
@@ -93,34 +100,33 @@ typedef struct { REAL x, y, heading, v, r, front, rear; } State;
 
 static inline State rates(State s, REAL front_command, REAL rear_command, const REAL *w) {
     REAL per_speed = 1.0 / w[SPEED];
-    REAL front_slip = ANGLE((s.v + w[A] * s.r) * per_speed) - s.front;
-    REAL rear_slip = ANGLE((s.v - w[B] * s.r) * per_speed) - s.rear;
+    REAL front_slip = SLIP(ADD(w[A], s.r, s.v), per_speed, s.front);
+    REAL rear_slip = SLIP(ADD(-w[B], s.r, s.v), per_speed, s.rear);
     REAL yf = FORCE(front_slip, w[CF], w[FRONT_PEAK]) * STEERED(s.front);
     REAL yr = FORCE(rear_slip, w[CR], w[REAR_PEAK]) * STEERED(s.rear);
     State d;
 #ifdef TIRE_LINEAR
     d.x = w[SPEED];
-    d.y = s.v + w[SPEED] * s.heading;
+    d.y = ADD(w[SPEED], s.heading, s.v);
 #else
     REAL si = sine(s.heading), co = cosine(s.heading);
-    d.x = w[SPEED] * co - s.v * si;
-    d.y = w[SPEED] * si + s.v * co;
+    d.x = ADD(w[SPEED], co, -s.v * si);
+    d.y = ADD(w[SPEED], si, s.v * co);
 #endif
     d.heading = s.r;
-    d.v = (yf + yr) * (1.0 / w[MASS]) - s.r * w[SPEED];
-    d.r = yf * (w[A] * (1.0 / w[INERTIA])) - yr * (w[B] * (1.0 / w[INERTIA]));
+    d.v = ADD(-s.r, w[SPEED], (yf + yr) * (1.0 / w[MASS]));
+    d.r = ADD(yf, w[A] * (1.0 / w[INERTIA]), -yr * (w[B] * (1.0 / w[INERTIA])));
     d.front = most(least((front_command - s.front) * (1.0 / w[FRONT_LAG]), w[FRONT_RATE]), -w[FRONT_RATE]);
     d.rear = most(least((rear_command - s.rear) * (1.0 / w[REAR_LAG]), w[REAR_RATE]), -w[REAR_RATE]);
     return d;
 }
 
 static inline State moved(State s, State d, REAL t) {
-    s.x += t * d.x; s.y += t * d.y; s.heading += t * d.heading; s.v += t * d.v; s.r += t * d.r;
-    s.front += t * d.front; s.rear += t * d.rear;
-    return s;
+    return (State){ADD(t, d.x, s.x), ADD(t, d.y, s.y), ADD(t, d.heading, s.heading), ADD(t, d.v, s.v), ADD(t, d.r, s.r),
+                   ADD(t, d.front, s.front), ADD(t, d.rear, s.rear)};
 }
 
-#define SUM(name) k1.name + (REAL)2.0 * (k2.name + k3.name) + k4.name
+#define SUM(name) ADD((REAL)2.0, k2.name + k3.name, k1.name) + k4.name
 static inline State six_times_mean(State k1, State k2, State k3, State k4) {
     return (State){SUM(x), SUM(y), SUM(heading), SUM(v), SUM(r), SUM(front), SUM(rear)};
 }
@@ -171,19 +177,24 @@ long step(REAL *numbers, const float *actions, const uint64_t *generators, float
             REAL y = c[Y][k], heading = c[HEADING][k], v = c[V][k], r = c[R][k];
             int spun = (fabs(v) > w[SIDESLIP_LIMIT] * w[SPEED]) | (fabs(r) > w[YAW_LIMIT])
                      | (fabs(heading) > w[HEADING_LIMIT]);
-            int left = fabs(y) > w[ROAD] + 0.5 * w[WIDTH];
+            int left = fabs(y) > ADD(0.5, w[WIDTH], w[ROAD]);
             c[END][k] = spun ? 1.0 : left ? 2.0 : 0.0;
             REAL s = sine(heading);
-            REAL reach = most(fabs(y + w[FRONT_EXTENT] * s), fabs(y - w[REAR_EXTENT] * s))
-                       + 0.5 * w[WIDTH] * fabs(cosine(heading));
+            REAL reach = ADD(0.5 * w[WIDTH], fabs(cosine(heading)),
+                             most(fabs(ADD(w[FRONT_EXTENT], s, y)), fabs(ADD(-w[REAR_EXTENT], s, y))));
             cost[k] = reach > w[ROAD] ? 1.0 : 0.0;
             REAL sideslip = v * per_speed;
-            REAL df = front[k] - c[FRONT_COMMAND][k] * per_front;
-            REAL dr = rear[k] - c[REAR_COMMAND][k] * per_rear;
-            reward[k] = 1.0 / (1.0 + w[Y_WEIGHT] * (y * y) + w[HEADING_WEIGHT] * (heading * heading)
-                + w[SIDESLIP_WEIGHT] * (sideslip * sideslip) + w[YAW_WEIGHT] * (r * r)
-                + w[EFFORT] * (front[k] * front[k]) + w[EFFORT] * (rear[k] * rear[k])
-                + w[SMOOTHNESS] * (df * df) + w[SMOOTHNESS] * (dr * dr));
+            REAL df = ADD(-c[FRONT_COMMAND][k], per_front, front[k]);
+            REAL dr = ADD(-c[REAR_COMMAND][k], per_rear, rear[k]);
+            REAL total = ADD(w[Y_WEIGHT], y * y, 1.0);
+            total = ADD(w[HEADING_WEIGHT], heading * heading, total);
+            total = ADD(w[SIDESLIP_WEIGHT], sideslip * sideslip, total);
+            total = ADD(w[YAW_WEIGHT], r * r, total);
+            total = ADD(w[EFFORT], front[k] * front[k], total);
+            total = ADD(w[EFFORT], rear[k] * rear[k], total);
+            total = ADD(w[SMOOTHNESS], df * df, total);
+            total = ADD(w[SMOOTHNESS], dr * dr, total);
+            reward[k] = 1.0 / total;
             int settled = (fabs(y) < w[Y_TOLERANCE]) & (fabs(heading) < w[HEADING_TOLERANCE])
                         & (fabs(v) < w[SIDESLIP_TOLERANCE] * w[SPEED]) & (fabs(r) < w[YAW_TOLERANCE]);
             c[SETTLED][k] = settled ? c[SETTLED][k] + 1.0 : 0.0;

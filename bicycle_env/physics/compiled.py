@@ -30,10 +30,9 @@ from numba.extending import intrinsic
 from bicycle_env.physics import elementary
 from bicycle_env.physics.compile_cache import ContentCache
 
-# contract: a*b+c may be one instruction. No other licence: `reassoc` makes a row depend on its neighbours, `nnan`
-# deletes the NaN checks.
-FASTMATH = {"contract"}
-COMMON = {"error_model": "numpy", "fastmath": FASTMATH, "no_cfunc_wrapper": True}
+# The compiler has no licence to round otherwise than the source says: `contract` fuses what suits the processor,
+# `reassoc` makes a row depend on its neighbours, `nnan` deletes the NaN checks.
+COMMON = {"error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
 
 
 class CompilerDisabledError(RuntimeError):
@@ -64,12 +63,12 @@ def _choose(condition: Any, then: Any, otherwise: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
-    """LLVM's fmuladd. It may also fuse a * b + c by itself, but not where it has moved a * b out of a loop."""
+    """a b + c, rounded once: LLVM's fma, exact also where the processor has none (the mathematics library's, slowly)."""
     kind = typing.unify_types(a, b, c)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         number = context.get_value_type(signature.return_type)
-        fused = builder.module.declare_intrinsic("llvm.fmuladd", [number], ir.FunctionType(number, [number] * 3))
+        fused = builder.module.declare_intrinsic("llvm.fma", [number], ir.FunctionType(number, [number] * 3))
         return builder.call(fused, arguments)
 
     return kind(kind, kind, kind), generate
@@ -158,7 +157,7 @@ def _interleaved(count: int) -> Iterator[None]:
 
 def digest(function: Any) -> str:
     """A hexadecimal digest of a function's bytecode and of everything that it refers to, at any depth."""
-    hasher = hashlib.sha256(f"{numba.__version__} {np.__version__} {sys.version} {sorted(FASTMATH)}".encode())
+    hasher = hashlib.sha256(f"{numba.__version__} {np.__version__} {sys.version}".encode())
     _feed(hasher.update, function, set())
     return hasher.hexdigest()
 

@@ -92,7 +92,7 @@ class Namespace(Protocol):
         """Elementwise choice; both sides are evaluated. At least one side must not be a bare constant."""
 
     def multiply_add(self, a: Any, b: Any, c: Any, /) -> Any:
-        """a b + c. Compiled: one instruction wherever it stands, also where a b is the same in every turn of a loop."""
+        """a b + c. Compiled: rounded once, on every processor, and nothing else is fused: the source decides the bits."""
 
     def minimum(self, a: Any, b: Any, /) -> Any: ...
     def maximum(self, a: Any, b: Any, /) -> Any: ...
@@ -134,8 +134,8 @@ def half_turns(xp: Any) -> Callable[[Any], tuple[Any, Any]]:
 
     def half_turns(x: Any) -> tuple[Any, Any]:
         size = abs(x)
-        n = xp.floor(size * PER_PI + 0.5)
-        return n, ((size - n * PI_HIGH) - n * PI_MIDDLE) - n * PI_LOW
+        n = xp.floor(xp.multiply_add(size, PER_PI, 0.5))
+        return n, xp.multiply_add(n, -PI_LOW, xp.multiply_add(n, -PI_MIDDLE, xp.multiply_add(n, -PI_HIGH, size)))
 
     return half_turns
 
@@ -144,7 +144,7 @@ def sign_of(xp: Any) -> Callable[[Any], Any]:
     """(-1)^n, the sign of sine and cosine after n half turns."""
 
     def sign_of(n: Any) -> Any:
-        return 1.0 - 2.0 * (n - 2.0 * xp.floor(0.5 * n))
+        return xp.multiply_add(-2.0, xp.multiply_add(-2.0, xp.floor(0.5 * n), n), 1.0)
 
     return sign_of
 
@@ -156,7 +156,7 @@ def polynomial(xp: Any, coefficients: tuple[float, ...]) -> Callable[[Any], Any]
 
         def p(z: Any) -> Any:
             z2 = z * z
-            return first(z) + (z2 * z2) * rest(z)
+            return xp.multiply_add(z2 * z2, rest(z), first(z))
 
         return p
     if len(coefficients) == 1:
@@ -164,12 +164,12 @@ def polynomial(xp: Any, coefficients: tuple[float, ...]) -> Callable[[Any], Any]
         return lambda _: c0
     if len(coefficients) == 2:
         c0, c1 = coefficients
-        return lambda z: c0 + z * c1
+        return lambda z: xp.multiply_add(z, c1, c0)
     if len(coefficients) == 3:
         c0, c1, c2 = coefficients
-        return lambda z: (c0 + z * c1) + (z * z) * c2
+        return lambda z: xp.multiply_add(z * z, c2, xp.multiply_add(z, c1, c0))
     c0, c1, c2, c3 = coefficients
-    return lambda z: (c0 + z * c1) + (z * z) * (c2 + z * c3)
+    return lambda z: xp.multiply_add(z * z, xp.multiply_add(z, c3, c2), xp.multiply_add(z, c1, c0))
 
 
 def needed(coefficients: tuple[float, ...], largest: float, rounding: float) -> tuple[float, ...]:
@@ -188,7 +188,7 @@ def near_sin(xp: Any) -> Callable[[Any], Any]:
 
     def near_sin(r: Any) -> Any:
         z = r * r
-        return r + (r * z) * p(z)
+        return xp.multiply_add(r * z, p(z), r)
 
     return near_sin
 
@@ -199,7 +199,7 @@ def near_cos(xp: Any) -> Callable[[Any], Any]:
 
     def near_cos(r: Any) -> Any:
         z = r * r
-        return (1.0 - 0.5 * z) + (z * z) * p(z)
+        return xp.multiply_add(z * z, p(z), xp.multiply_add(-0.5, z, 1.0))
 
     return near_cos
 
@@ -245,7 +245,7 @@ def atan(xp: Any) -> Callable[[Any], Any]:
         t = above / below
         z = t * t
         offset = xp.where(steep, PI_2, xp.where(middle, PI_4, 0.0 * t))
-        angle = offset + (t + (t * z) * p(z))
+        angle = offset + xp.multiply_add(t * z, p(z), t)
         return xp.where(x < 0.0, -angle, angle)
 
     return atan
@@ -257,7 +257,7 @@ def tanh(xp: Any) -> Callable[[Any], Any]:
     def tanh(x: Any) -> Any:
         # tanh = (e - 1) / (e + 1) with e = exp 2|x|; expm1 of 2|x|/64 by polynomial, then doubled six times.
         y = xp.where(abs(x) > TANH_IS_ONE, TANH_IS_ONE, abs(x)) * 0.03125
-        e = y + (y * y) * p(y)
+        e = xp.multiply_add(y * y, p(y), y)
         e = e * (e + 2.0)
         e = e * (e + 2.0)
         e = e * (e + 2.0)

@@ -17,7 +17,7 @@ def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, Car, Any], 
     """``advance(state, at_start, at_middle, at_end, car, timestep)``: one step, the input given at its three times."""
     rates = xp.function(rates)
     along: Callable[[CarState, CarState, Any], CarState] = xp.function(moved(xp))
-    weigh: Callable[[CarState, CarState, CarState, CarState], CarState] = xp.function(six_times_mean)
+    weigh: Callable[[CarState, CarState, CarState, CarState], CarState] = xp.function(six_times_mean(xp))
 
     def advance(state: CarState, at_start: Any, at_middle: Any, at_end: Any, car: Car, timestep: Any) -> CarState:
         half = 0.5 * timestep
@@ -48,19 +48,28 @@ def moved(xp: Any) -> Callable[[CarState, CarState, Any], CarState]:
     return moved
 
 
-def six_times_mean(k1: CarState, k2: CarState, k3: CarState, k4: CarState) -> CarState:
-    """k1 + 2 (k2 + k3) + k4: additions, which a processor does beside its multiply-adds."""
-    return CarState(
-        k1.longitudinal_position
-        + 2.0 * (k2.longitudinal_position + k3.longitudinal_position)
-        + k4.longitudinal_position,
-        k1.lateral_position + 2.0 * (k2.lateral_position + k3.lateral_position) + k4.lateral_position,
-        k1.heading + 2.0 * (k2.heading + k3.heading) + k4.heading,
-        k1.lateral_velocity + 2.0 * (k2.lateral_velocity + k3.lateral_velocity) + k4.lateral_velocity,
-        k1.yaw_rate + 2.0 * (k2.yaw_rate + k3.yaw_rate) + k4.yaw_rate,
-        k1.front_steer + 2.0 * (k2.front_steer + k3.front_steer) + k4.front_steer,
-        k1.rear_steer + 2.0 * (k2.rear_steer + k3.rear_steer) + k4.rear_steer,
-    )
+def six_times_mean(xp: Any) -> Callable[[CarState, CarState, CarState, CarState], CarState]:
+    """``six_times_mean(k1, k2, k3, k4)``: k1 + 2 (k2 + k3) + k4, additions beside which others can be done."""
+
+    def sum_of(k1: Any, k2: Any, k3: Any, k4: Any) -> Any:
+        return xp.multiply_add(2.0, k2 + k3, k1) + k4
+
+    total = xp.function(sum_of)
+
+    def six_times_mean(k1: CarState, k2: CarState, k3: CarState, k4: CarState) -> CarState:
+        return CarState(
+            total(
+                k1.longitudinal_position, k2.longitudinal_position, k3.longitudinal_position, k4.longitudinal_position
+            ),
+            total(k1.lateral_position, k2.lateral_position, k3.lateral_position, k4.lateral_position),
+            total(k1.heading, k2.heading, k3.heading, k4.heading),
+            total(k1.lateral_velocity, k2.lateral_velocity, k3.lateral_velocity, k4.lateral_velocity),
+            total(k1.yaw_rate, k2.yaw_rate, k3.yaw_rate, k4.yaw_rate),
+            total(k1.front_steer, k2.front_steer, k3.front_steer, k4.front_steer),
+            total(k1.rear_steer, k2.rear_steer, k3.rear_steer, k4.rear_steer),
+        )
+
+    return six_times_mean
 
 
 def check_timestep(name: str, timestep: float, fastest: float) -> None:

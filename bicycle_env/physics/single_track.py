@@ -104,17 +104,17 @@ def car_on_road(vehicle: Vehicle, speed: float, friction: float, front: Actuator
 def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles]:
     """``axles(state, car)``: what the two axles do in a state."""
     exact = geometry == "exact"
-    angle = xp.atan if exact else xp.function(unchanged)
+    slip_angle = xp.function(slip_angle_of(xp, geometry))
     cosine = xp.near_cos if exact else xp.function(one)  # steer angles are below pi/2
     lateral_force = xp.function(tire.law(xp))
 
     def axles(state: CarState, car: Car) -> Axles:
         # Reciprocals of what stays the same: the compiler may move them out of the loop, and may not make them itself.
         per_speed, per_mass, per_inertia = 1.0 / car.speed, 1.0 / car.mass, 1.0 / car.yaw_inertia
-        front_slip = angle((state.lateral_velocity + car.cg_to_front * state.yaw_rate) * per_speed)  # 6.20
-        rear_slip = angle((state.lateral_velocity - car.cg_to_rear * state.yaw_rate) * per_speed)
-        front_slip = front_slip - state.front_steer
-        rear_slip = rear_slip - state.rear_steer
+        front_velocity = xp.multiply_add(car.cg_to_front, state.yaw_rate, state.lateral_velocity)
+        rear_velocity = xp.multiply_add(-car.cg_to_rear, state.yaw_rate, state.lateral_velocity)
+        front_slip = slip_angle(front_velocity, per_speed, state.front_steer)
+        rear_slip = slip_angle(rear_velocity, per_speed, state.rear_steer)
         front_force = lateral_force(front_slip, car.front_cornering_stiffness, car.front_peak_force)
         rear_force = lateral_force(rear_slip, car.rear_cornering_stiffness, car.rear_peak_force)
         front_sideways = front_force * cosine(state.front_steer)
@@ -125,14 +125,28 @@ def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles
             front_force,
             rear_force,
             (front_sideways + rear_sideways) * per_mass,  # 6.18
-            front_sideways * (car.cg_to_front * per_inertia) - rear_sideways * (car.cg_to_rear * per_inertia),  # 6.19
+            xp.multiply_add(  # 6.19
+                front_sideways, car.cg_to_front * per_inertia, -rear_sideways * (car.cg_to_rear * per_inertia)
+            ),
         )
 
     return axles
 
 
+def slip_angle_of(xp: Any, geometry: str) -> Callable[[Any, Any, Any], Any]:
+    """``slip_angle(velocity, per_speed, steer)``: lateral velocity at the axle, 1 / speed, road-wheel angle (6.20)."""
+
+    def small_angle(velocity: Any, per_speed: Any, steer: Any) -> Any:
+        return xp.multiply_add(velocity, per_speed, -steer)
+
+    def exact(velocity: Any, per_speed: Any, steer: Any) -> Any:
+        return xp.atan(velocity * per_speed) - steer
+
+    return exact if geometry == "exact" else small_angle
+
+
 def unchanged(x: Any) -> Any:
-    """The small-angle arctangent."""
+    """The small-angle tangent and arctangent."""
     return x
 
 
@@ -164,7 +178,7 @@ def single_track(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, tupl
             forward,
             sideways,
             state.yaw_rate,
-            acting.lateral_acceleration - state.yaw_rate * car.speed,
+            xp.multiply_add(-state.yaw_rate, car.speed, acting.lateral_acceleration),
             acting.yaw_acceleration,
             still,
             still,
@@ -198,14 +212,14 @@ def path_rates(xp: Any, geometry: str) -> Callable[[CarState, Car], tuple[Any, A
     """``(x', y')`` of the centre of mass on the road."""
 
     def small_angle(state: CarState, car: Car) -> tuple[Any, Any]:
-        return car.speed, state.lateral_velocity + car.speed * state.heading
+        return car.speed, xp.multiply_add(car.speed, state.heading, state.lateral_velocity)
 
     def exact(state: CarState, car: Car) -> tuple[Any, Any]:
         sine = xp.sin(state.heading)
         cosine = xp.cos(state.heading)
         return (
-            car.speed * cosine - state.lateral_velocity * sine,
-            car.speed * sine + state.lateral_velocity * cosine,
+            xp.multiply_add(car.speed, cosine, -state.lateral_velocity * sine),
+            xp.multiply_add(car.speed, sine, state.lateral_velocity * cosine),
         )
 
     return exact if geometry == "exact" else small_angle

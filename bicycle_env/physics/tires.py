@@ -104,7 +104,7 @@ class Fiala(Tire):
             size = xp.minimum(abs(slip_angle), sliding)
             tangent = xp.near_sin(size) / xp.near_cos(size)
             z = xp.minimum(tangent * (cornering_stiffness / (3.0 * peak_force)), 1.0)
-            force = peak_force * (z * (3.0 - z * (3.0 - z)))
+            force = peak_force * (z * xp.multiply_add(-z, 3.0 - z, 3.0))
             return xp.where(slip_angle > 0.0, -force, force)
 
         return lateral_force
@@ -132,7 +132,7 @@ class MagicFormula(Tire):
 
         def lateral_force(slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
             x = slip_angle * (cornering_stiffness / (shape * peak_force))
-            return -peak_force * xp.sin(shape * xp.atan(x - curvature * (x - xp.atan(x))))
+            return -peak_force * xp.sin(shape * xp.atan(xp.multiply_add(-curvature, x - xp.atan(x), x)))
 
         return lateral_force
 

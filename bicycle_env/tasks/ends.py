@@ -22,7 +22,8 @@ def end_code(xp: Any) -> Callable[[CarState, Reference, World], Any]:
             | (abs(state.yaw_rate) > rules.yaw_rate_limit)
             | (abs(state.heading) > rules.heading_limit)
         )
-        left = abs(state.lateral_position - reference.road_centre) > rules.road_half_width + 0.5 * world.car.body_width
+        edge = xp.multiply_add(0.5, world.car.body_width, rules.road_half_width)
+        left = abs(state.lateral_position - reference.road_centre) > edge
         return xp.where(spun, SPUN, xp.where(left, LEFT, RUNNING))
 
     return end_code
@@ -50,9 +51,9 @@ def corner_outside(xp: Any) -> Callable[[CarState, Reference, World], Any]:
         car = world.car
         sine = xp.sin(state.heading)
         middle = state.lateral_position - reference.road_centre
-        front = abs(middle + car.front_extent * sine)
-        rear = abs(middle - car.rear_extent * sine)
-        reach = xp.maximum(front, rear) + 0.5 * car.body_width * abs(xp.cos(state.heading))
+        front = abs(xp.multiply_add(car.front_extent, sine, middle))
+        rear = abs(xp.multiply_add(-car.rear_extent, sine, middle))
+        reach = xp.multiply_add(0.5 * car.body_width, abs(xp.cos(state.heading)), xp.maximum(front, rear))
         return xp.where(reach > world.rules.road_half_width, 1.0 + 0.0 * reach, 0.0)
 
     return corner_outside

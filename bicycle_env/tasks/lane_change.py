@@ -146,7 +146,8 @@ class LaneChange(Task):
             path = world.settings
             lateral_position = path.offset * (2.0 * uniforms[0] - 1.0)
             heading = path.heading * (2.0 * uniforms[1] - 1.0)
-            change_start = path.earliest_start + (path.latest_start - path.earliest_start) * uniforms[2]
+            range_of_starts = path.latest_start - path.earliest_start
+            change_start = xp.multiply_add(range_of_starts, uniforms[2], path.earliest_start)
             side = xp.where(uniforms[3] < 0.5, -1.0 + 0.0 * heading, 1.0)
             direction = xp.where(path.direction == 0.0, side, path.direction)
             zero = 0.0 * uniforms[0]
@@ -181,7 +182,8 @@ class LaneChange(Task):
         quintic = xp.function(quintic_path(xp))
 
         def preview(state: CarState, route: Route, world: World, time: Any) -> Any:
-            ahead, _ = quintic(state.longitudinal_position + world.car.speed * time, route, world)
+            place = xp.multiply_add(world.car.speed, time, state.longitudinal_position)
+            ahead, _ = quintic(place, route, world)
             return ahead - state.lateral_position
 
         return preview
@@ -221,7 +223,7 @@ def quintic_path(xp: Any) -> Any:
         width = route.direction * path.lane_width
         rest = 1.0 - s
         return (
-            width * (s * s * s * (10.0 - s * (15.0 - 6.0 * s))),
+            width * (s * s * s * xp.multiply_add(-s, xp.multiply_add(-6.0, s, 15.0), 10.0)),
             width * (30.0 * s * s * (rest * rest)) / path.change_length,
         )
 

@@ -11,11 +11,21 @@ from bicycle_env.tasks.task import Memory, Reference, World
 REWARDS = ("default", "quadratic")
 
 
+def plus_square(xp: Any) -> Callable[[Any, Any, Any], Any]:
+    """``plus_square(total, weight, value)``: total + weight x value^2, the one step of every sum here."""
+
+    def plus_square(total: Any, weight: Any, value: Any) -> Any:
+        return xp.multiply_add(weight, value * value, total)
+
+    return plus_square
+
+
 def bounded_reward(xp: Any) -> Callable[..., Any]:
     """1 / (1 + c) in (0, 1], c a weighted sum of squares: regulation of the new state, effort, smoothness.
 
     Effort is the squared action, smoothness the squared change of the action since the last step; both per axle.
     """
+    plus = xp.function(plus_square(xp))
 
     def bounded_reward(
         state: CarState, reference: Reference, action: tuple[Any, Any], memory: Memory, world: World
@@ -27,43 +37,38 @@ def bounded_reward(xp: Any) -> Callable[..., Any]:
         per_speed, per_front, per_rear = 1.0 / car.speed, 1.0 / car.front_angle_limit, 1.0 / car.rear_angle_limit
         sideslip = state.lateral_velocity * per_speed
         front, rear = action
-        front_change = front - memory.front_steer_command * per_front
-        rear_change = rear - memory.rear_steer_command * per_rear
-        # One chain that starts from a number: in a sum of two products the compiler may fuse either with the addition,
-        # and one car would not have the bits of many.
-        return 1.0 / (
-            1.0
-            + rules.lateral_weight * (lateral * lateral)
-            + rules.heading_weight * (heading * heading)
-            + rules.sideslip_weight * (sideslip * sideslip)
-            + rules.yaw_rate_weight * (state.yaw_rate * state.yaw_rate)
-            + rules.effort_weight * (front * front)
-            + rules.effort_weight * (rear * rear)
-            + rules.smoothness_weight * (front_change * front_change)
-            + rules.smoothness_weight * (rear_change * rear_change)
-        )
+        front_change = xp.multiply_add(-memory.front_steer_command, per_front, front)
+        rear_change = xp.multiply_add(-memory.rear_steer_command, per_rear, rear)
+        total = plus(1.0, rules.lateral_weight, lateral)
+        total = plus(total, rules.heading_weight, heading)
+        total = plus(total, rules.sideslip_weight, sideslip)
+        total = plus(total, rules.yaw_rate_weight, state.yaw_rate)
+        total = plus(total, rules.effort_weight, front)
+        total = plus(total, rules.effort_weight, rear)
+        total = plus(total, rules.smoothness_weight, front_change)
+        total = plus(total, rules.smoothness_weight, rear_change)
+        return 1.0 / total
 
     return bounded_reward
 
 
 def quadratic_reward(xp: Any) -> Callable[..., Any]:
     """-(x'Qx + u'Ru), diagonal Q and R, from the state before the step, its reference there, and the action."""
+    plus = xp.function(plus_square(xp))
 
     def quadratic_reward(state: CarState, reference: Reference, action: tuple[Any, Any], world: World) -> Any:
         rules = world.rules
         lateral = state.lateral_position - reference.lateral_position
         heading = state.heading - reference.heading
         front, rear = action
-        return -(
-            rules.lateral_cost * (lateral * lateral)
-            + rules.heading_cost * (heading * heading)
-            + rules.lateral_velocity_cost * (state.lateral_velocity * state.lateral_velocity)
-            + rules.yaw_rate_cost * (state.yaw_rate * state.yaw_rate)
-            + rules.front_steer_cost * (state.front_steer * state.front_steer)
-            + rules.rear_steer_cost * (state.rear_steer * state.rear_steer)
-            + rules.front_command_cost * (front * front)
-            + rules.rear_command_cost * (rear * rear)
-        )
+        total = plus(0.0, rules.lateral_cost, lateral)
+        total = plus(total, rules.heading_cost, heading)
+        total = plus(total, rules.lateral_velocity_cost, state.lateral_velocity)
+        total = plus(total, rules.yaw_rate_cost, state.yaw_rate)
+        total = plus(total, rules.front_steer_cost, state.front_steer)
+        total = plus(total, rules.rear_steer_cost, state.rear_steer)
+        total = plus(total, rules.front_command_cost, front)
+        return -plus(total, rules.rear_command_cost, rear)
 
     return quadratic_reward
 
@@ -73,21 +78,19 @@ def worst_stage_cost(xp: Any) -> Callable[[Car, Any], Any]:
 
     The lateral error is at most the width of the corridor plus half a body: the reference, too, lies within it.
     """
+    plus = xp.function(plus_square(xp))
 
     def worst_stage_cost(car: Car, rules: Any) -> Any:
-        lateral = 2.0 * rules.road_half_width + 0.5 * car.body_width
-        heading = 2.0 * rules.heading_limit
-        lateral_velocity = rules.sideslip_limit * car.speed
-        return (
-            rules.lateral_cost * (lateral * lateral)
-            + rules.heading_cost * (heading * heading)
-            + rules.lateral_velocity_cost * (lateral_velocity * lateral_velocity)
-            + rules.yaw_rate_cost * (rules.yaw_rate_limit * rules.yaw_rate_limit)
-            + rules.front_steer_cost * (car.front_angle_limit * car.front_angle_limit)
-            + rules.rear_steer_cost * (car.rear_angle_limit * car.rear_angle_limit)
-            + rules.front_command_cost
-            + rules.rear_command_cost
+        total = plus(
+            rules.front_command_cost + rules.rear_command_cost,  # actions of 1
+            rules.lateral_cost,
+            xp.multiply_add(0.5, car.body_width, 2.0 * rules.road_half_width),
         )
+        total = plus(total, rules.heading_cost, 2.0 * rules.heading_limit)
+        total = plus(total, rules.lateral_velocity_cost, rules.sideslip_limit * car.speed)
+        total = plus(total, rules.yaw_rate_cost, rules.yaw_rate_limit)
+        total = plus(total, rules.front_steer_cost, car.front_angle_limit)
+        return plus(total, rules.rear_steer_cost, car.rear_angle_limit)
 
     return worst_stage_cost
 

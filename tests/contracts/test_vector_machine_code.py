@@ -16,13 +16,19 @@ from vector_cases import COMBINATIONS, make_many
 pytestmark = pytest.mark.skipif(
     not llvm.get_host_cpu_features().get("avx2"), reason="how other processors vectorise is not known here"
 )
-ARITHMETIC = ("fadd", "fsub", "fmul", "fdiv")
+FUSED = "llvm.fma"
+ARITHMETIC = ("fadd", "fsub", "fmul", "fdiv", FUSED)
 
 
 def optimised(compiled):
     """The module of a compiled function; also one that came from the cache on disk."""
     (overload,) = compiled.overloads.values()
     return llvm.parse_bitcode(overload.library._get_module_for_linking().as_bitcode())
+
+
+def operation(instruction):
+    """The opcode, or the multiply-add that is called."""
+    return FUSED if instruction.opcode == "call" and f"@{FUSED}." in str(instruction) else instruction.opcode
 
 
 def in_loops(module):
@@ -42,7 +48,7 @@ def in_loops(module):
                     reached.add(block)
                     waiting += after[block]
             if name in reached:
-                found.update((one.opcode, str(one.type)) for one in code if one.opcode in ARITHMETIC)
+                found.update((operation(one), str(one.type)) for one in code if operation(one) in ARITHMETIC)
     return found
 
 
@@ -78,6 +84,13 @@ def test_single_precision_computes_in_single_precision(combination):
     _, scalar, packed = split(found, "float")
     assert packed > 200
     assert scalar < packed / 4, found
+
+
+def test_multiply_adds_are_seen_scalar_and_packed():
+    scalar = in_loops(optimised(gym.make("BicycleStab-v0").unwrapped._step))
+    packed = in_loops(optimised(make_many(COMBINATIONS[0])._kernels.step))
+    assert scalar[FUSED, "double"] > 30
+    assert sum(count for (name, kind), count in packed.items() if name == FUSED and kind.startswith("<")) > 50
 
 
 def test_the_single_environment_is_seen_as_scalar():
