@@ -4,7 +4,8 @@
     python benchmarks/revisions.py 7cbf88c --only tanh --rounds 15
 
 Rounds alternate between the two. Prints the median of the ratios of the rounds, an interval that holds the true median
-with at least 95 % (order statistics), and exits 1 if a median is below `--must`. Processor time; two threads: wall time.
+with at least 95 % (order statistics), and exits 1 if a median is below `--must`. Processor time; two
+threads: wall time.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 ONCE = "once for this machine"
 ALWAYS = "anew in every process: no folder for compiled code can be written (NUMBA_CACHE_DIR may name one)"
+SLOW = " (this processor has no fused multiply-add: the same bits as on others, several times slower)"
 
 
 @dataclass(eq=False)
@@ -54,15 +55,20 @@ def silenced(wanted: bool = True) -> Iterator[None]:
         _silent -= wanted
 
 
-def compiling(kept: bool) -> None:
-    """Say what this thread compiles, unless it was said; `kept`: later processes will find it on the disk."""
+def compiling(kept: bool, slow: bool = False) -> None:
+    """Say what this thread compiles, unless it was said.
+
+    `kept`: later processes will find it on the disk; `slow`: the processor has no fused multiply-add.
+    """
     global _open
     works = _works()
     if not works or works[-1].said or _silent:
         return
     with _writing:
         works[-1].said = True
-        _say(f"{_break()}bicycle_env: compiling {works[-1].label}, {ONCE if kept else ALWAYS} ...")
+        _say(
+            f"{_break()}bicycle_env: compiling {works[-1].label}, {ONCE if kept else ALWAYS}{SLOW if slow else ''} ..."
+        )
         _open = works[-1]
 
 

@@ -51,7 +51,8 @@ class ContentCache(NullCache):  # type: ignore[misc]
             with contextlib.suppress(Exception):  # a pickle that is not what was written may raise anything
                 found = self._numba.rebuild(target_context, _read(self._path(target_context.codegen())))
         if found is None:
-            announcements.compiling(kept=self._numba is not None)
+            slow = not has_multiply_add(*target_context.codegen().magic_tuple())
+            announcements.compiling(kept=self._numba is not None, slow=slow)
         return found
 
     def save_overload(self, _signature: Any, data: Any) -> None:
@@ -70,6 +71,11 @@ class ContentCache(NullCache):  # type: ignore[misc]
     def _path(self, codegen: Any) -> Path:
         processor = hashlib.sha256(repr(codegen.magic_tuple()).encode()).hexdigest()
         return Path(self._numba.locator.get_cache_path()) / f"{self._name}-{processor[:8]}.nbc"
+
+
+def has_multiply_add(triple: str, _name: str, features: str) -> bool:
+    """Whether a processor, as LLVM describes it, rounds a b + c once in one instruction; only on x86 some do not."""
+    return not triple.startswith(("x86_64", "i686", "i386")) or "+fma" in features.split(",")
 
 
 def _read(path: Path) -> Any:

@@ -63,7 +63,7 @@ def _choose(condition: Any, then: Any, otherwise: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
-    """a b + c, rounded once: LLVM's fma, exact also where the processor has none (the mathematics library's, slowly)."""
+    """a b + c, rounded once: LLVM's fma. A processor without one takes the mathematics library's: exact, and slow."""
     kind = typing.unify_types(a, b, c)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

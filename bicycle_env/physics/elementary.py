@@ -92,7 +92,7 @@ class Namespace(Protocol):
         """Elementwise choice; both sides are evaluated. At least one side must not be a bare constant."""
 
     def multiply_add(self, a: Any, b: Any, c: Any, /) -> Any:
-        """a b + c. Compiled: rounded once, on every processor, and nothing else is fused: the source decides the bits."""
+        """a b + c. Compiled: rounded once, on every processor, and nothing else is: the source decides the bits."""
 
     def minimum(self, a: Any, b: Any, /) -> Any: ...
     def maximum(self, a: Any, b: Any, /) -> Any: ...

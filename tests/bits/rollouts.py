@@ -4,8 +4,8 @@
     python tests/bits/rollouts.py --only 0 4 --forms single 64
     python tests/bits/rollouts.py --write                    # freezes them, after a change that is meant to change bits
 
-A rollout is four cars with recorded actions over many episodes. Its forms drive the same four: each alone (`single`), or
-as the first rows of a vector environment in blocks of 4, 8 or 64. All must give one hash.
+A rollout is four cars with recorded actions over many episodes. Its forms drive the same four: each alone (`single`),
+or as the first rows of a vector environment in blocks of 4, 8 or 64. All must give one hash.
 """
 
 import argparse
@@ -185,15 +185,13 @@ def main():
         found[name_of(rollout)] = hashes
     if not options.write:
         json.dump(found, sys.stdout, indent=1)
-        return 0
+        return
     different = [name for name, hashes in found.items() if len(set(hashes.values())) != 1]
     if different:
-        print(f"not written: one car is not one of many in {', '.join(different)}", file=sys.stderr)
-        return 1
+        sys.exit(f"not written: one car is not one of many in {', '.join(different)}")
     frozen = {name: next(iter(hashes.values())) for name, hashes in found.items()}
     FILE.write_text(json.dumps(frozen, indent=1) + "\n", encoding="utf-8")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

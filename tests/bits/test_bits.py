@@ -1,7 +1,7 @@
-"""An environment's trajectory is the same to the bit on every processor, alone or among others, in blocks of any length.
+"""An environment's trajectory has the same bits on every processor, alone or among others, in blocks of any length.
 
-The source says where a multiply-add is rounded once (`xp.multiply_add`), and the compiler may fuse nothing by itself. So
-the hashes of hashes.json hold on this processor, on an older one without AVX-512, and on one without multiply-adds.
+The source says where a multiply-add is rounded once (`xp.multiply_add`), and the compiler may fuse nothing by itself.
+So the hashes of hashes.json hold on this processor, on one without AVX-512, and on one without multiply-adds.
 """
 
 import json
@@ -61,7 +61,7 @@ def test_single_precision_has_the_frozen_bits(number):
 
 
 def on_processor(variables, numbers, forms):
-    """The hashes of rollouts in another process, compiled for another processor; True where they are the frozen ones."""
+    """For each rollout and form, driven in another process: whether its hash is the frozen one."""
     run = subprocess.run(
         [sys.executable, rollouts.__file__, "--only", *map(str, numbers), "--forms", *forms],
         env={**os.environ, **variables},

@@ -49,6 +49,25 @@ def test_compiled_code_is_kept_in_one_file_and_found_there(file, capfd):
 
 
 @pytest.mark.parametrize(
+    ("triple", "features", "has"),
+    [
+        ("x86_64-unknown-linux-gnu", "+avx2,+fma,-fma4", True),
+        ("x86_64-unknown-linux-gnu", "+avx,-fma,+fma4", False),
+        ("x86_64-pc-windows-msvc", "", False),
+        ("aarch64-unknown-linux-gnu", "", True),
+    ],
+)
+def test_who_has_a_multiply_add(triple, features, has):
+    assert compile_cache.has_multiply_add(triple, "generic", features) == has
+
+
+def test_a_processor_without_multiply_add_is_said_to_be_slow(folder, monkeypatch, capfd):
+    monkeypatch.setattr(compile_cache, "has_multiply_add", lambda *_: False)
+    compile_again()
+    assert "no fused multiply-add: the same bits" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
     "change", [{"nogil": True}, {"interleave": 2}, {"signature": numba.int64(numba.int64)}], ids=str
 )
 def test_another_way_to_compile_has_another_file(file, change):
