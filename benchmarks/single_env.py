@@ -36,11 +36,11 @@ class Nothing(gym.Env[Any, Any]):
     def __init__(self) -> None:
         self._results = np.zeros(8, np.float32), 0.0, False, False, {"end": "", "cost": 0.0}
 
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:  # noqa: ARG002
         super().reset(seed=seed)
         return self._results[0], self._results[4]
 
-    def step(self, action: Any) -> Any:
+    def step(self, action: Any) -> Any:  # noqa: ARG002
         return self._results
 
 

@@ -128,9 +128,9 @@ def speed() -> str:
     lines = ["| steps per second through `gym.make` | |", "|---|---|"]
     lines += [f"| {name} | {rate:,} |" for name, rate in result["steps_per_second"].items()]
     ratios = ", ".join(f"{name}: {ratio:g}" for name, ratio in result["ratios"].items())
-    return "\n".join(
-        [*lines, "", f"`make benchmark`, {result['date']}, {result['machine']}. Ratios in this run: {ratios}."]
-    )
+    shares = ", ".join(f"{name}: {share:.0%}" for name, share in result["share_of_nothing"].items())
+    more = f"Ratios in this run: {ratios}. Share of an environment whose step does nothing: {shares}."
+    return "\n".join([*lines, "", f"`make benchmark`, {result['date']}, {result['machine']}. {more}"])
 
 
 def vector() -> str:
