@@ -8,14 +8,24 @@ from typing import Any
 from bicycle_env import analysis
 from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import Actuator
-from bicycle_env.physics.presets import vehicles
+from bicycle_env.physics.presets import register_vehicle, vehicles
 from bicycle_env.physics.simulate import simulate
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.registration import register
 
 __version__ = "0.1.0"
 
-__all__ = ["Actuator", "Vehicle", "__version__", "analysis", "plots", "simulate", "tires", "vehicles"]
+__all__ = [
+    "Actuator",
+    "Vehicle",
+    "__version__",
+    "analysis",
+    "plots",
+    "register_vehicle",
+    "simulate",
+    "tires",
+    "vehicles",
+]
 
 register()
 

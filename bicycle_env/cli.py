@@ -171,16 +171,14 @@ def run_report(chosen: argparse.Namespace) -> None:
 def _study(chosen: argparse.Namespace) -> report.Study:
     """What the user asks about; a UserError names what is wrong with it."""
     try:
-        name, vehicle = report.find_vehicle(chosen.vehicle)
         choice("tire", chosen.tire, tires.LAWS)
         return report.study(
-            vehicle,
+            chosen.vehicle,
             speed=chosen.speed,
             speed_ratio=chosen.speed_ratio,
             tire=chosen.tire,
             friction=chosen.friction,
             grid=chosen.grid,
-            name=name,
         )
     except (ValueError, TypeError) as error:
         raise UserError(str(error)) from None

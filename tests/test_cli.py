@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from bicycle_env import __version__, report, vehicles
+from bicycle_env import Vehicle, __version__, report, vehicles
 from bicycle_env.cli import main
 from bicycle_env.report import pictures
 
@@ -75,16 +75,19 @@ def test_tables_without_a_folder(capsys, no_matplotlib):
 def test_a_report_of_ones_own_car(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(pictures, "SUBJECTS", pictures.SUBJECTS[:1])
     mine = tmp_path / "my_car.json"
-    mine.write_text(json.dumps({**dataclasses.asdict(vehicles["tsx"]), "source": "me & <mine>"}), encoding="utf-8")
+    mine.write_text(
+        json.dumps({**dataclasses.asdict(vehicles["tsx"]), "source": "me & <mine>", "name": "mine<b>"}),
+        encoding="utf-8",
+    )
     out = tmp_path / "out"
     assert main(["report", "--vehicle", str(mine), "--speed", "40", "--json", "--out", str(out), *COARSE]) == 0
     printed = capsys.readouterr()
     content = json.loads(printed.out)  # nothing but JSON on standard output
-    assert content["vehicle"]["name"] == "my_car"
+    assert content["vehicle"]["name"] == "mine<b>"
     assert printed.err.splitlines()[-1] == str(out / "report.html")
     assert "drawing root_locus.png" in printed.err
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert "my_car at 40.0 m/s = 144 km/h" in page
+    assert "mine&lt;b&gt; at 40.0 m/s = 144 km/h" in page
     assert "me &amp; &lt;mine&gt;" in page
 
 
@@ -98,7 +101,7 @@ def mistakes(tmp_path):
         (["report", "--vehicle", "civi"], "did you mean 'civic'?"),
         (["report", "--vehicle", "civic", "--speed-ratio", "1.2"], "no critical speed; give speed in m/s"),
         (["report", "--vehicle", "nowhere.toml"], "nowhere.toml: No such file or directory"),
-        (["report", "--vehicle", str(bad)], "unknown field 'mas'; did you mean 'mass'?"),
+        (["report", "--vehicle", str(bad)], "unknown field of vehicle 'mas'; did you mean 'mass'?"),
         (["report", "--speed", "fast"], "argument --speed: invalid float value: 'fast'"),
         (["report", "--speed", "-3"], "speed must be a finite number in [3, 150], got -3.0"),
         (["report", "--speed", "nan"], "speed must be a finite number in [3, 150], got nan"),
@@ -165,7 +168,7 @@ def test_the_example_in_the_help_is_a_car(tmp_path, capsys):
     begin = next(k for k, line in enumerate(lines) if line.startswith("a car of one's own"))
     example = "\n".join(lines[begin + 1 : lines.index("", begin)])
     (tmp_path / "my_car.toml").write_text(example, encoding="utf-8")
-    assert report.read_vehicle(tmp_path / "my_car.toml").mass == 1500.0
+    assert Vehicle.read(tmp_path / "my_car.toml").mass == 1500.0
 
 
 def test_a_reader_that_stops_early_is_no_error():

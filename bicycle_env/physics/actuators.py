@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from bicycle_env.physics.validation import explain_keywords, positive, positive_or_infinite
+from bicycle_env.physics.validation import explain_keywords, from_fields, positive, positive_or_infinite
 
 
 @explain_keywords
@@ -43,6 +43,22 @@ Systems, book issue 27). 40 deg/s: a steering wheel at 600 deg/s through a ratio
 REAR = Actuator(angle_limit=math.radians(3.0), rate_limit=math.radians(9.0), time_constant=0.05)
 """Active rear axle. 3 deg: BMW X7 and ZF AKC. 9 deg/s: ZF AKC in the Porsche 911 Turbo S, 40 mm/s where 13.5 mm is
 3 deg. No source gives the lag: the front one's is assumed."""
+
+
+def resolve(name: str, actuator: Actuator | Mapping[str, Any]) -> Actuator:
+    """An actuator from its fields by their names, or from itself; `name` is the keyword's, for the errors.
+
+    Raises:
+        ValueError: an unknown field, with the nearest known one; a missing field; a bad value.
+        TypeError: neither an Actuator nor a mapping; a value of the wrong type.
+    """
+    if isinstance(actuator, Actuator):
+        return actuator
+    if isinstance(actuator, Mapping):
+        return from_fields(name, Actuator, actuator)
+    raise TypeError(
+        f"{name} must be an Actuator(angle_limit, rate_limit, time_constant) or a dict of its fields, got {actuator!r}"
+    )
 
 
 def steer_rate(xp: Any) -> Callable[[Any, Any, Any, Any], Any]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+from bicycle_env.physics.car_files import is_car_file
 from bicycle_env.physics.validation import choice
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -15,27 +17,43 @@ _BODY_SOURCE = (
     "the two cornering stiffnesses differ. "
 )
 
-vehicles: Mapping[str, Vehicle] = MappingProxyType(
+
+class _Cars(dict[str, Vehicle]):
+    """Answers a name that it does not have with the nearest one."""
+
+    def __missing__(self, name: object) -> Vehicle:
+        try:
+            choice("vehicle", name, self)
+        except (TypeError, ValueError) as error:
+            raise KeyError(str(error)) from None
+        raise KeyError(name)
+
+
+_vehicles = _Cars(
     {
         "oversteer": Vehicle(
+            name="oversteer",
             **_BODY,
             front_cornering_stiffness=110e3,
             rear_cornering_stiffness=90e3,
             source=_BODY_SOURCE + "a Cf > b Cr: unstable above 36.1 m/s.",
         ),
         "neutral": Vehicle(
+            name="neutral",
             **_BODY,
             front_cornering_stiffness=97.5e3,
             rear_cornering_stiffness=105e3,
             source=_BODY_SOURCE + "a Cf = b Cr exactly.",
         ),
         "understeer": Vehicle(
+            name="understeer",
             **_BODY,
             front_cornering_stiffness=90e3,
             rear_cornering_stiffness=110e3,
             source=_BODY_SOURCE + "a Cf < b Cr: stable at every speed.",
         ),
         "me303": Vehicle(
+            name="me303",
             mass=1400.0,
             yaw_inertia=2420.0,
             cg_to_front=1.14,
@@ -46,6 +64,7 @@ vehicles: Mapping[str, Vehicle] = MappingProxyType(
             "of Waterloo, 2025 (GitHub hepromark/BicycleModelExploration, docs/report.pdf). Oversteering.",
         ),
         "mendes": Vehicle(
+            name="mendes",
             mass=1300.0,
             yaw_inertia=10000.0,
             cg_to_front=1.6154,
@@ -56,6 +75,7 @@ vehicles: Mapping[str, Vehicle] = MappingProxyType(
             "Vehicle-Dynamics-Lateral). One tire per axle, 10000 sin(2 atan(4/50)) N/deg. Understeering.",
         ),
         "cabrol": Vehicle(
+            name="cabrol",
             mass=1500.0,
             yaw_inertia=1500.0 * 1.2 * 1.6,
             cg_to_front=1.2,
@@ -66,6 +86,7 @@ vehicles: Mapping[str, Vehicle] = MappingProxyType(
             "source gives no yaw inertia: m a b is used. Understeering.",
         ),
         "civic": Vehicle(
+            name="civic",
             mass=1450.0,
             yaw_inertia=2345.0,
             cg_to_front=0.996,
@@ -76,6 +97,7 @@ vehicles: Mapping[str, Vehicle] = MappingProxyType(
             "4.1 deg/g. Understeering.",
         ),
         "tsx": Vehicle(
+            name="tsx",
             mass=1619.0,
             yaw_inertia=2746.0,
             cg_to_front=1.041,
@@ -87,12 +109,59 @@ vehicles: Mapping[str, Vehicle] = MappingProxyType(
         ),
     }
 )
+vehicles: Mapping[str, Vehicle] = MappingProxyType(_vehicles)
+"""Name -> Vehicle: the presets, and what :func:`register_vehicle` added."""
 
 
-def resolve_vehicle(vehicle: str | Vehicle) -> Vehicle:
-    """A preset by its name, or the Vehicle itself; ValueError or TypeError otherwise."""
+def register_vehicle(name: str, vehicle: Vehicle | Mapping[str, Any]) -> None:
+    """Let a car be known by a name: in ``vehicles``, in every ``vehicle=`` and on the command lines of this process.
+
+    Workers that are spawned import the package anew and do not know it: give them the Vehicle itself.
+
+    Args:
+        name: one word of letters, digits and underscores that does not begin with a digit.
+        vehicle: a Vehicle, or its fields by their names. Its own ``name`` gives way to this one.
+
+    Raises:
+        ValueError: the name is not such a word, or a different car has it.
+        TypeError: the name is no string, or the car is neither a Vehicle nor a mapping.
+    """
+    if not isinstance(name, str):
+        raise TypeError(f"name must be a string, got {name!r}")
+    if not name.isidentifier():
+        raise ValueError(f"name must be one word of letters, digits and underscores, got {name!r}")
+    if not isinstance(vehicle, (Vehicle, Mapping)):
+        raise TypeError(f"vehicle must be a Vehicle or a dict of its fields, got {vehicle!r}")
+    vehicle = resolve_vehicle(vehicle)
+    known = _vehicles.get(name)
+    if known is not None and known != vehicle:
+        raise ValueError(f"name must not be that of a different vehicle, got {name!r}")
+    if known is None:
+        _vehicles[name] = dataclasses.replace(vehicle, name=name)
+
+
+def resolve_vehicle(vehicle: str | Vehicle | Mapping[str, Any]) -> Vehicle:
+    """A car from its name in ``vehicles``, from a file, from its plain form, or from itself.
+
+    Args:
+        vehicle: a name; a file's name that ends in .json or .toml, see ``Vehicle.read``; a mapping of the fields of
+            ``Vehicle`` by their names; or a Vehicle.
+
+    Raises:
+        ValueError: an unknown name or field, with the nearest known one; a missing field; a bad value.
+        TypeError: none of the four; a value of the wrong type.
+        OSError: the file cannot be read.
+    """
     if isinstance(vehicle, Vehicle):
         return vehicle
+    if isinstance(vehicle, Mapping):
+        return Vehicle.from_fields(vehicle)
     if not isinstance(vehicle, str):
-        raise TypeError(f"vehicle must be a Vehicle or one of {', '.join(map(repr, vehicles))}, got {vehicle!r}")
-    return vehicles[choice("vehicle", vehicle, vehicles)]
+        words = ", ".join(map(repr, vehicles))
+        raise TypeError(f"vehicle must be one of {words}, a car's file, a Vehicle or a dict, got {vehicle!r}")
+    if is_car_file(vehicle):
+        return Vehicle.read(vehicle)
+    try:
+        return vehicles[choice("vehicle", vehicle, vehicles)]
+    except ValueError as error:
+        raise ValueError(f"{str(error).rstrip('.')} (a car's file ends in .json or .toml)") from None

@@ -11,19 +11,25 @@ from __future__ import annotations
 import abc
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.validation import choice, explain_keywords, number
+from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number
 
 Law = Callable[[Any, Any, Any], Any]
 
 
 class Tire(abc.ABC):
     """Base of the tire laws: frozen, hashable, compared by value."""
+
+    @property
+    def name(self) -> str:
+        """Its row in ``LAWS``; the class's name for a law of one's own, which has none."""
+        law = type(self)
+        return next((name for name, known in LAWS.items() if known is law), law.__name__)
 
     @abc.abstractmethod
     def law(self, xp: Any) -> Law:
@@ -70,6 +76,9 @@ def _on_arrays(tire: Tire) -> Law:
 class Linear(Tire):
     """Y = -C alpha (6.6, 6.21): Karnopp's law, without limit. For small slip angles only."""
 
+    name: str = dataclasses.field(init=False, repr=False, compare=False)
+    """Its row in ``LAWS``: with it, what ``dataclasses.asdict`` makes is enough to make the tire again."""
+
     def law(self, xp: Any) -> Law:
         def lateral_force(slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
             return -cornering_stiffness * slip_angle
@@ -81,6 +90,9 @@ class Linear(Tire):
 @dataclasses.dataclass(frozen=True)
 class Tanh(Tire):
     """Y = -D tanh(C alpha / D), D = mu F_z: the simplest smooth law that saturates."""
+
+    name: str = dataclasses.field(init=False, repr=False, compare=False)
+    """Its row in ``LAWS``: with it, what ``dataclasses.asdict`` makes is enough to make the tire again."""
 
     def law(self, xp: Any) -> Law:
         def lateral_force(slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
@@ -96,6 +108,9 @@ class Fiala(Tire):
 
     z = C tan(alpha) / (3 mu F_z); Y = -mu F_z z (3 - 3|z| + z^2) up to |z| = 1, where the whole patch slides.
     """
+
+    name: str = dataclasses.field(init=False, repr=False, compare=False)
+    """Its row in ``LAWS``: with it, what ``dataclasses.asdict`` makes is enough to make the tire again."""
 
     def law(self, xp: Any) -> Law:
         def lateral_force(slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
@@ -115,6 +130,8 @@ class Fiala(Tire):
 class MagicFormula(Tire):
     """Y = -D sin(c atan(B alpha - E (B alpha - atan(B alpha)))), D = mu F_z, B = C/(c D) (Pacejka 2012, ch. 4)."""
 
+    name: str = dataclasses.field(init=False, repr=False, compare=False)
+    """Its row in ``LAWS``: with it, what ``dataclasses.asdict`` makes is enough to make the tire again."""
     shape: float = 1.3
     """c: 0 < c < 2."""
     curvature: float = -1.0
@@ -161,11 +178,27 @@ def _check(tire: Tire) -> None:
         raise ValueError(f"tire {name}: its slope at zero slip must be -cornering_stiffness, got {slope / 1e5:g} of it")
 
 
-def resolve(tire: str | Tire) -> Tire:
-    """A tire object from its name in ``LAWS`` or from itself; ValueError or TypeError otherwise."""
+def resolve(tire: str | Tire | Mapping[str, Any]) -> Tire:
+    """A tire object from its name in ``LAWS``, from its plain form, or from itself.
+
+    The plain form is what ``dataclasses.asdict`` makes: ``{"name": "magic_formula", "shape": 1.5}``.
+
+    Raises:
+        ValueError: an unknown name or field, with the nearest known one; a bad value; a law that the package would
+            contradict.
+        TypeError: none of the three; a value of the wrong type.
+    """
     if isinstance(tire, Tire):
         _check(tire)
         return tire
-    if not isinstance(tire, str):
-        raise TypeError(f"tire must be a Tire object or one of {', '.join(map(repr, LAWS))}, got {tire!r}")
-    return LAWS[choice("tire", tire, LAWS)]()
+    if isinstance(tire, str):
+        return LAWS[choice("tire", tire, LAWS)]()
+    if not isinstance(tire, Mapping):
+        raise TypeError(f"tire must be one of {', '.join(map(repr, LAWS))}, a Tire object or a dict, got {tire!r}")
+    if "name" not in tire:
+        raise ValueError(
+            f"tire: a dict must have a 'name', one of {', '.join(map(repr, LAWS))}, got {dict(tire)!r}; a tire class "
+            "of one's own has no plain form: pass the object"
+        )
+    name = choice("tire: name", tire["name"], LAWS)
+    return from_fields(f"tire {name!r}", LAWS[name], {key: tire[key] for key in tire if key != "name"})

@@ -7,10 +7,11 @@ import difflib
 import functools
 import math
 import numbers
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 Class = TypeVar("Class", bound=type)
+Value = TypeVar("Value")
 
 
 def number(
@@ -21,9 +22,7 @@ def number(
     if high < math.inf:
         bound = f"in [{low:g}, {high:g}]" if low > -math.inf else f"{bound} and <= {high:g}".removeprefix(" and ")
     allowed = f"a finite number {bound}".rstrip()
-    real = value
-    if getattr(value, "shape", None) == ():
-        real = value.item()  # type: ignore[attr-defined]  # a zero-dimensional array is a number to numpy's users
+    real = _scalar(value)
     if isinstance(real, bool) or not isinstance(real, numbers.Real):
         raise TypeError(f"{name} must be {allowed}, got {value!r} ({type(value).__name__})")
     try:
@@ -42,9 +41,17 @@ def positive(name: str, value: object) -> float:
 
 def positive_or_infinite(name: str, value: object) -> float:
     """A float > 0; infinity means "no limit"."""
-    if isinstance(value, float) and value == math.inf:
-        return math.inf
-    return positive(name, value)
+    return math.inf if _is_infinite(value) else positive(name, value)
+
+
+def _is_infinite(value: object) -> bool:
+    real = _scalar(value)
+    return isinstance(real, numbers.Real) and real == math.inf
+
+
+def _scalar(value: Any) -> Any:
+    """A zero-dimensional array is a number to numpy's users."""
+    return value.item() if getattr(value, "shape", None) == () else value
 
 
 def checked_speed(value: object, name: str = "speed") -> float:
@@ -84,6 +91,24 @@ def known_keys(what: str, given: Iterable[Any], allowed: Iterable[str], error: t
     for key in given:
         if key not in words:
             raise error(f"unknown {what} {key!r}{_nearest(str(key), words)} Allowed: {_listed(words)}")
+
+
+def from_fields(what: str, cls: type[Value], given: Mapping[str, Any]) -> Value:
+    """The plain form of a dataclass, its fields by their names, made into the object.
+
+    Raises:
+        ValueError: an unknown field, with the nearest known one; a missing field; a bad value.
+        TypeError: a value of the wrong type.
+    """
+    fields = [field for field in dataclasses.fields(cls) if field.init]  # type: ignore[arg-type]
+    known_keys(f"field of {what}", given, [field.name for field in fields])
+    missing = [field.name for field in fields if field.default is dataclasses.MISSING and field.name not in given]
+    if missing:
+        raise ValueError(f"{what}: missing field{'s' * (len(missing) > 1)} {', '.join(map(repr, missing))}")
+    try:
+        return cls(**given)
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{what}: {error}") from None
 
 
 def _nearest(word: str, words: list[str]) -> str:

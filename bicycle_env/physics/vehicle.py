@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
-from bicycle_env.physics.validation import explain_keywords, positive
+from bicycle_env.physics.car_files import read_fields
+from bicycle_env.physics.validation import explain_keywords, from_fields, positive
 
 GRAVITY = 9.81  # m/s^2
+LONGEST_NAME = 100
+LABELS = ("source", "name")
+"""The fields of a Vehicle that are no numbers."""
 
 
 @explain_keywords
@@ -44,14 +51,47 @@ class Vehicle:
     """Width of the body without mirrors, m."""
     source: str = ""
     """Where the numbers come from."""
+    name: str = dataclasses.field(default="", compare=False)
+    """A label for reports, one line of at most 100 characters; cars that differ in nothing else are equal."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            if field.name == "source":
-                if not isinstance(self.source, str):
-                    raise TypeError(f"source must be a string, got {self.source!r}")
-            else:
+            if field.name not in LABELS:
                 object.__setattr__(self, field.name, positive(field.name, getattr(self, field.name)))
+        for label in LABELS:
+            if not isinstance(getattr(self, label), str):
+                raise TypeError(f"{label} must be a string, got {getattr(self, label)!r}")
+        if not self.name.isprintable() or len(self.name) > LONGEST_NAME:
+            raise ValueError(
+                f"name must be one line of at most {LONGEST_NAME} printable characters, got {self.name[:200]!r}"
+            )
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> Vehicle:
+        """A car from its plain form, the fields by their names, as ``dataclasses.asdict`` makes it.
+
+        Raises:
+            ValueError: an unknown field, with the nearest known one; a missing field; a bad value.
+            TypeError: a value of the wrong type.
+        """
+        return from_fields("vehicle", cls, fields)
+
+    @classmethod
+    def read(cls, path: str | Path) -> Vehicle:
+        """A car from a file that ends in .json or .toml: a table of the fields by their names.
+
+        Without a `name` in it, the car is called like the file.
+
+        Raises:
+            ValueError: the ending is another; the file holds no such table; the field is named. One line.
+            OSError: the file cannot be read.
+        """
+        path = Path(path)
+        fields = read_fields(path)
+        try:
+            return cls.from_fields({"name": _printable(path.stem), **fields})
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{path}: {str(error).removeprefix('vehicle: ')}") from None
 
     @property
     def wheelbase(self) -> float:
@@ -91,3 +131,8 @@ class Vehicle:
             return math.inf
         stiffness = self.front_cornering_stiffness * self.rear_cornering_stiffness
         return self.wheelbase * math.sqrt(stiffness / (self.mass * oversteer))
+
+
+def _printable(label: str) -> str:
+    """What of a file's name can be a car's."""
+    return "".join(character if character.isprintable() else "?" for character in label)[:LONGEST_NAME]

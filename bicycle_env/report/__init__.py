@@ -1,6 +1,5 @@
 """The report on one car: numbers, and a page with pictures. ``bicycle-env report`` on the command line."""
 
-from bicycle_env.report.car_files import find_vehicle, read_vehicle
 from bicycle_env.report.quantities import as_json, groups
 from bicycle_env.report.study import DEFAULT_SPEED, GRID, SPEED_RATIO, SPEEDS, Study, compute, study
 from bicycle_env.report.text import as_text, vehicles_as_json, vehicles_as_text
@@ -15,9 +14,7 @@ __all__ = [
     "as_json",
     "as_text",
     "compute",
-    "find_vehicle",
     "groups",
-    "read_vehicle",
     "study",
     "vehicles_as_json",
     "vehicles_as_text",

@@ -91,7 +91,7 @@ def _step(study: Study) -> str:
     found = plots.wrong_way(study.vehicle, study.speed, "rear_steer", "lateral_acceleration")
     words = (
         f"One axle's road wheels jump to {STEP / DEGREE:g} deg to the left at time 0. Colour: the book's linear tire; "
-        f"dashed: the {study.tire_name} tire, which cannot pull harder than friction allows. Yellow: a start the wrong "
+        f"dashed: the {study.tire.name} tire, which cannot pull harder than friction allows. Yellow: a start the wrong "
         "way, enlarged in the small axes. "
     )
     if found is None:

@@ -307,9 +307,9 @@ def as_json(study: Study) -> dict[str, Any]:
     """The report for machines: SI units; None where a value is infinite or undefined, with the reason in "absent"."""
     rows = [row for group in groups(study) for row in group.rows]
     return {
-        "vehicle": {"name": study.name, **dataclasses.asdict(study.vehicle)},
+        "vehicle": {**dataclasses.asdict(study.vehicle), "name": study.name},
         "speed": study.speed,
-        "tire": study.tire_name,
+        "tire": study.tire.name,
         "friction": study.friction,
         "figures": {row.name: _plain(row.value) for row in rows},
         "units": {row.name: row.unit for row in rows if row.unit},

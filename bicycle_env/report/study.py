@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from bicycle_env import analysis
 from bicycle_env.control.design import continuous_gain
 from bicycle_env.envs.configuration import resolve_speed
 from bicycle_env.physics import tires
-from bicycle_env.physics.presets import resolve_vehicle, vehicles
+from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.validation import number, whole
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -34,7 +35,6 @@ GRID, COARSEST, FINEST = 161, 31, 1001
 class Study:
     """One car, at one speed, on one road; what takes time is computed when first asked for, and then kept."""
 
-    name: str
     vehicle: Vehicle
     speed: float
     tire: tires.Tire
@@ -43,10 +43,9 @@ class Study:
     """Nodes of the recoverable set in each of its two axes."""
 
     @property
-    def tire_name(self) -> str:
-        """As in ``bicycle_env.tires.LAWS``; the class's name for a tire of one's own."""
-        law = type(self.tire)
-        return next((name for name, known in tires.LAWS.items() if known is law), law.__name__)
+    def name(self) -> str:
+        """The car's."""
+        return self.vehicle.name or "car"
 
     @property
     def is_at_critical_speed(self) -> bool:
@@ -99,35 +98,30 @@ class Study:
 
 
 def study(
-    vehicle: str | Vehicle,
+    vehicle: str | Vehicle | Mapping[str, Any],
     speed: float | None = None,
     speed_ratio: float | None = None,
-    tire: str | tires.Tire = "fiala",
+    tire: str | tires.Tire | Mapping[str, Any] = "fiala",
     friction: float = 1.0,
     grid: int = GRID,
-    name: str | None = None,
 ) -> Study:
     """Choose a car, a speed and a road.
 
     Args:
-        vehicle: a preset's name or a Vehicle.
+        vehicle: a preset's name, a car's file, a Vehicle or a dict of its fields.
         speed: m/s, in SPEEDS.
         speed_ratio: a multiple of the critical speed; at most one of the two. By default 1.2; for a car without a
             critical speed, or where that would be more than 100 m/s, 30 m/s.
         tire: a name in ``bicycle_env.tires.LAWS`` or a tire object.
         friction: road friction coefficient.
         grid: nodes of the recoverable set in each of its two axes, in [31, 1001].
-        name: of the car; by default the preset's.
 
     Raises:
         ValueError, TypeError: a bad value, named with its allowed range; a ratio for a car without critical speed; a
             linear car at exactly its critical speed.
     """
-    if name is None:
-        name = vehicle if isinstance(vehicle, str) else next((k for k, v in vehicles.items() if v == vehicle), "car")
     vehicle, tire = resolve_vehicle(vehicle), tires.resolve(tire)
     found = Study(
-        name=name,
         vehicle=vehicle,
         speed=_speed(vehicle, speed, speed_ratio),
         tire=tire,

@@ -37,7 +37,7 @@ def summary(study: Study) -> str:
     shares = {name: f"{100 * share:.0f} %" for name, share in study.shares.items()}
     coarse = study.shares["recoverable"] < max(study.shares["lqr"], study.shares["straight"])
     return (
-        f"This car {kind}; {stability}. On {study.tire_name} tires and friction {study.friction:g}, from "
+        f"This car {kind}; {stability}. On {study.tire.name} tires and friction {study.friction:g}, from "
         f"{shares['recoverable']} of the states with up to {BOX[0] / DEGREE:.0f} deg of sideslip and "
         f"{BOX[1] / DEGREE:.0f} deg/s of yaw rate some steering brings it back; a linear regulator saves "
         f"{shares['lqr']}, straight wheels {shares['straight']}."

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bicycle_env import provenance
 from bicycle_env.files import write_bytes
-from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.physics.vehicle import LABELS, Vehicle
 from bicycle_env.plots.style import require_matplotlib
 from bicycle_env.report import pictures
 from bicycle_env.report.page import page
@@ -61,7 +61,7 @@ def write(study: Study, folder: str | Path, progress: Callable[[str], None] | No
         figures,
         drawn,
         (
-            f"Tire: {study.tire_name}; friction {study.friction:g}. The linear figures and pictures hold for small "
+            f"Tire: {study.tire.name}; friction {study.friction:g}. The linear figures and pictures hold for small "
             "angles and every tire. Axes: x forward, y to the left; positive steer, yaw rate and sideslip are to the "
             "left.",
             f"Made by bicycle-env {provenance.versions()['bicycle-env']}.",
@@ -75,7 +75,7 @@ def parameters(vehicle: Vehicle) -> Group:
     """The car's fields as rows."""
     rows = []
     for field in dataclasses.fields(vehicle):
-        if field.name != "source":
+        if field.name not in LABELS:
             unit, meaning = UNITS.get(field.name, ("m", LENGTHS))
             rows.append(
                 Quantity(field.name, field.name.replace("_", " "), getattr(vehicle, field.name), unit, "", meaning)

@@ -1,13 +1,15 @@
 """The steering actuators: lag, rate limit, and what their constructor refuses."""
 
 import dataclasses
+import json
 import math
+import re
 
 import numpy as np
 import pytest
 
 from bicycle_env import Actuator, vehicles
-from bicycle_env.physics.actuators import FRONT, REAR, steer_rate
+from bicycle_env.physics.actuators import FRONT, REAR, resolve, steer_rate
 from bicycle_env.physics.elementary import NUMPY, PYTHON
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import CarState, actuated_single_track, car_on_road
@@ -114,3 +116,39 @@ def test_the_defaults():
     assert math.degrees(REAR.angle_limit) == pytest.approx(3.0)
     assert math.degrees(FRONT.rate_limit) == pytest.approx(40.0)
     assert math.degrees(REAR.rate_limit) == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize("infinity", [math.inf, np.float32("inf"), np.float64("inf"), np.array(np.inf)])
+def test_infinity_of_any_type_switches_the_rate_limit_off(infinity):
+    assert Actuator(angle_limit=0.1, rate_limit=infinity) == Actuator(angle_limit=0.1)
+
+
+@pytest.mark.parametrize("bad", [-math.inf, np.float32("-inf"), np.float32("nan")])
+def test_other_unbounded_rate_limits_are_refused(bad):
+    with pytest.raises(ValueError, match="rate_limit must be a finite number"):
+        Actuator(angle_limit=0.1, rate_limit=bad)
+
+
+@pytest.mark.parametrize("actuator", [FRONT, REAR, Actuator(angle_limit=0.1)])
+def test_the_plain_form_makes_the_actuator_again(actuator):
+    assert resolve("front_actuator", json.loads(json.dumps(dataclasses.asdict(actuator)))) == actuator
+    assert resolve("front_actuator", actuator) is actuator
+
+
+def test_the_plain_form_has_defaults_and_takes_numpys_scalars():
+    assert resolve("rear_actuator", {"angle_limit": np.float64(0.1)}) == Actuator(angle_limit=0.1)
+
+
+@pytest.mark.parametrize(
+    ("bad", "error", "text"),
+    [
+        ({"angle": 0.1}, ValueError, "unknown field of front_actuator 'angle'; did you mean 'angle_limit'?"),
+        ({}, ValueError, "front_actuator: missing field 'angle_limit'"),
+        ({"angle_limit": 2.0}, ValueError, "front_actuator: angle_limit must be"),
+        ({"angle_limit": "wide"}, TypeError, "front_actuator: angle_limit must be"),
+        (0.1, TypeError, "front_actuator must be an Actuator(angle_limit, rate_limit, time_constant) or a dict"),
+    ],
+)
+def test_a_mistake_in_a_plain_form_is_named(bad, error, text):
+    with pytest.raises(error, match=re.escape(text)):
+        resolve("front_actuator", bad)

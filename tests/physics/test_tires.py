@@ -1,13 +1,18 @@
 """The tire laws: slope, symmetry, saturation, and the figures of the brush and Magic Formula tires."""
 
+import copy
 import dataclasses
+import json
 import math
+import pickle
+import re
 
 import numpy as np
 import pytest
 import torch
 
 from bicycle_env import tires
+from bicycle_env.physics.compiled import NUMBA
 from bicycle_env.physics.elementary import array_namespace
 
 C, PEAK = 90e3, 7000.0
@@ -231,3 +236,57 @@ class _Wrong(tires.Tire):
 def test_a_law_that_contradicts_the_package_is_refused(fault, text):
     with pytest.raises(ValueError, match=text):
         tires.resolve(_Wrong(fault))
+
+
+@pytest.mark.parametrize("tire", [*(law() for law in tires.LAWS.values()), tires.MagicFormula(1.5, -0.3)], ids=repr)
+def test_the_plain_form_makes_the_tire_again(tire):
+    plain = json.loads(json.dumps(dataclasses.asdict(tire)))
+    assert plain["name"] == tire.name
+    assert tires.resolve(plain) == tire
+
+
+def test_the_plain_form_has_defaults_and_takes_numpys_scalars():
+    plain = {"name": "magic_formula", "shape": np.float64(1.5)}
+    assert tires.resolve(plain) == tires.MagicFormula(shape=1.5)
+    assert tires.resolve({"name": np.str_("fiala")}) == tires.Fiala()
+
+
+def test_the_name_is_no_part_of_the_value():
+    assert repr(tires.Fiala()) == "Fiala()"
+    assert dataclasses.replace(tires.MagicFormula(), shape=1.5) == tires.MagicFormula(shape=1.5)
+    assert copy.deepcopy(tires.MagicFormula(1.4)) == pickle.loads(pickle.dumps(tires.MagicFormula(1.4)))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        tires.Fiala().name = "tanh"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Wet(tires.MagicFormula):
+    """A law of a user's own that begins where one of the package ends."""
+
+    grip: float = 1.0
+
+
+@pytest.mark.parametrize(
+    ("bad", "error", "text"),
+    [
+        ({"name": "magic_formula", "shap": 1.5}, ValueError, "unknown field of tire 'magic_formula' 'shap'; did you"),
+        ({"name": "magic_formular"}, ValueError, "got 'magic_formular'; did you mean 'magic_formula'?"),
+        ({"name": "magic_formula", "shape": 9.0}, ValueError, "tire 'magic_formula': shape must be"),
+        ({"name": "magic_formula", "shape": "wide"}, TypeError, "tire 'magic_formula': shape must be"),
+        ({"name": 3}, TypeError, "tire: name must be one of"),
+        ({"shape": 1.5}, ValueError, "tire: a dict must have a 'name', one of 'linear', "),
+        (dataclasses.asdict(_Wet()), ValueError, "tire: name must be one of 'linear', "),
+        (["fiala"], TypeError, "tire must be one of"),
+    ],
+)
+def test_a_mistake_in_a_plain_form_is_named(bad, error, text):
+    with pytest.raises(error, match=re.escape(text)):
+        tires.resolve(bad)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_name_is_outside_of_the_compiled_code(name):
+    """Compiled code is found by what goes into it: a label must not make it anew."""
+    law = tires.resolve(name).law(NUMBA)
+    contents = [cell.cell_contents for cell in law.__closure__ or ()]
+    assert not any(isinstance(content, (str, tires.Tire)) for content in contents)

@@ -1,13 +1,16 @@
 """Vehicle and the presets: what is accepted, what is derived, and where the numbers come from."""
 
 import dataclasses
+import json
 import math
+from types import MappingProxyType
 
 import numpy as np
 import pytest
 
 import bicycle_env
 from bicycle_env import Vehicle, analysis
+from bicycle_env.physics import presets
 from bicycle_env.physics.presets import resolve_vehicle
 
 GIVEN = {
@@ -18,7 +21,7 @@ GIVEN = {
     "front_cornering_stiffness": 100e3,
     "rear_cornering_stiffness": 80e3,
 }
-NUMBERS = [field.name for field in dataclasses.fields(Vehicle) if field.name != "source"]
+NUMBERS = [field.name for field in dataclasses.fields(Vehicle) if field.name not in ("source", "name")]
 
 
 def test_the_fields_are_the_six_of_the_book_and_the_body():
@@ -49,9 +52,23 @@ def test_the_message_shows_the_bad_value():
         Vehicle(**(GIVEN | {"mass": "heavy"}))
 
 
-def test_source_must_be_text():
-    with pytest.raises(TypeError, match="source"):
-        Vehicle(**GIVEN, source=3)
+@pytest.mark.parametrize("label", ["source", "name"])
+def test_labels_must_be_text(label):
+    with pytest.raises(TypeError, match=rf"^{label} must be a string, got 3"):
+        Vehicle(**GIVEN, **{label: 3})
+
+
+def test_the_name_is_a_label():
+    mine, other = Vehicle(**GIVEN, name="mine"), Vehicle(**GIVEN, name="other")
+    assert mine == other == Vehicle(**GIVEN)
+    assert hash(mine) == hash(other)
+    assert mine.name == "mine"
+
+
+@pytest.mark.parametrize("bad", ["two\nlines", "\x1b[2J", "a" * 101])
+def test_a_name_is_one_printable_line(bad):
+    with pytest.raises(ValueError, match="name must be one line of at most 100 printable characters"):
+        Vehicle(**GIVEN, name=bad)
 
 
 @pytest.mark.parametrize(
@@ -133,6 +150,7 @@ def test_every_preset_says_where_it_comes_from(name):
     vehicle = bicycle_env.vehicles[name]
     assert len(vehicle.source) > 40
     assert name.isidentifier()
+    assert vehicle.name == name
     balance = "oversteer" if vehicle.critical_speed < math.inf else "understeer"
     stated = vehicle.source.lower()
     assert balance in stated or "cf" in stated
@@ -145,11 +163,86 @@ def test_the_mapping_cannot_be_changed():
         bicycle_env.vehicles["mine"] = Vehicle(**GIVEN)
 
 
+def test_an_unknown_name_is_answered_with_the_nearest():
+    with pytest.raises(KeyError, match=r"vehicle must be one of .*, got 'cvic'; did you mean 'civic'\?"):
+        bicycle_env.vehicles["cvic"]
+    with pytest.raises(KeyError, match="vehicle must be one of"):
+        bicycle_env.vehicles[3]
+    assert "cvic" not in bicycle_env.vehicles
+    assert bicycle_env.vehicles.get("cvic") is None
+
+
+@pytest.fixture
+def registering(monkeypatch):
+    """What a test registers is gone after it."""
+    monkeypatch.setattr(presets, "_vehicles", known := presets._Cars(presets._vehicles))
+    monkeypatch.setattr(presets, "vehicles", MappingProxyType(known))
+    return presets
+
+
+def test_a_registered_vehicle_is_known(registering):
+    bicycle_env.register_vehicle("mine", Vehicle(**GIVEN, name="another label"))
+    assert registering.vehicles["mine"] == Vehicle(**GIVEN)
+    assert registering.vehicles["mine"].name == "mine"
+    assert resolve_vehicle("mine") is registering.vehicles["mine"]
+    bicycle_env.register_vehicle("mine", GIVEN)  # the same again is no harm: a module may be imported twice
+    with pytest.raises(ValueError, match=r"name must not be that of a different vehicle, got 'mine'"):
+        bicycle_env.register_vehicle("mine", Vehicle(**GIVEN | {"mass": 1.0}))
+
+
+@pytest.mark.parametrize("name", ["", "two words", "1st", "my-car", "car.toml", "a/b"])
+def test_a_registered_name_is_one_word(registering, name):
+    with pytest.raises(ValueError, match="name must be one word"):
+        bicycle_env.register_vehicle(name, Vehicle(**GIVEN))
+    assert set(registering.vehicles) == set(bicycle_env.vehicles)
+
+
+@pytest.mark.parametrize(
+    ("name", "vehicle", "text"), [(3, GIVEN, "name must be a string"), ("mine", "civic", "vehicle must be a Vehicle")]
+)
+def test_what_cannot_be_registered(registering, name, vehicle, text):
+    with pytest.raises(TypeError, match=text):
+        bicycle_env.register_vehicle(name, vehicle)
+
+
 def test_resolve_vehicle():
     mine = Vehicle(**GIVEN)
     assert resolve_vehicle(mine) is mine
     assert resolve_vehicle("civic") is bicycle_env.vehicles["civic"]
     with pytest.raises(ValueError, match="did you mean 'oversteer'"):
         resolve_vehicle("oversteers")
-    with pytest.raises(TypeError, match="vehicle must be a Vehicle or one of"):
-        resolve_vehicle({"mass": 1500.0})
+    for bad in (3, None, ["civic"]):
+        with pytest.raises(TypeError, match=r"vehicle must be one of .*, a car's file, a Vehicle or a dict, got"):
+            resolve_vehicle(bad)
+
+
+@pytest.mark.parametrize("name", bicycle_env.vehicles)
+def test_the_plain_form_makes_the_car_again(name):
+    car = bicycle_env.vehicles[name]
+    again = resolve_vehicle(json.loads(json.dumps(dataclasses.asdict(car))))
+    assert again == car
+    assert again.name == name
+
+
+def test_the_plain_form_takes_numpys_scalars():
+    plain = {name: np.float32(value) for name, value in GIVEN.items()} | {"mass": np.int64(1500)}
+    assert resolve_vehicle(plain) == Vehicle(**plain)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "text"),
+    [
+        ({"mas": 1.0}, ValueError, r"^unknown field of vehicle 'mas'; did you mean 'mass'\?"),
+        ({3: 1.0}, ValueError, r"^unknown field of vehicle 3"),
+        ({"mass": -1.0}, ValueError, r"^vehicle: mass must be"),
+        ({"mass": "1500"}, TypeError, r"^vehicle: mass must be"),
+    ],
+)
+def test_a_mistake_in_a_plain_form_is_named(change, error, text):
+    with pytest.raises(error, match=text):
+        resolve_vehicle(GIVEN | change)
+
+
+def test_missing_fields_of_a_plain_form_are_named():
+    with pytest.raises(ValueError, match=r"^vehicle: missing fields 'cg_to_front', 'cg_to_rear', 'front_corn"):
+        resolve_vehicle({"mass": 1.0, "yaw_inertia": 1.0})

@@ -141,7 +141,7 @@ def test_a_second_report_replaces_the_first_and_leaves_no_other_files(tmp_path, 
     monkeypatch.setattr(pictures, "SUBJECTS", SUBJECTS[:1])
     study = report.study("oversteer", speed=20.0, grid=COARSE)
     report.write(study, tmp_path)
-    mine = dataclasses.replace(study, name="<mine>")
+    mine = dataclasses.replace(study, vehicle=dataclasses.replace(study.vehicle, name="<mine>"))
     report.write(mine, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"root_locus.png", "report.html"}
     assert "&lt;mine&gt; at 20.0 m/s = 72 km/h" in (tmp_path / "report.html").read_text(encoding="utf-8")

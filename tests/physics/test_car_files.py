@@ -8,8 +8,8 @@ import re
 
 import pytest
 
-from bicycle_env import vehicles
-from bicycle_env.report import find_vehicle, read_vehicle
+from bicycle_env import Vehicle, vehicles
+from bicycle_env.physics.presets import resolve_vehicle
 
 CAR = vehicles["oversteer"]
 FIELDS = dataclasses.asdict(CAR)
@@ -24,24 +24,28 @@ def toml(fields):
 def test_a_written_car_comes_back(tmp_path, name, extension, write):
     path = tmp_path / f"mine.{extension}"
     path.write_text(write(dataclasses.asdict(vehicles[name])), encoding="utf-8")
-    assert read_vehicle(path) == vehicles[name]
-    assert find_vehicle(str(path)) == ("mine", vehicles[name])
+    assert Vehicle.read(path) == vehicles[name]
+    assert resolve_vehicle(str(path)) == vehicles[name]
+    assert resolve_vehicle(str(path)).name == name
 
 
-def test_a_preset_by_its_name():
-    assert find_vehicle("civic") == ("civic", vehicles["civic"])
+@pytest.mark.parametrize(("stem", "name"), [("mine", "mine"), ("m\x1bi\nne", "m?i?ne"), ("m" * 150, "m" * 100)])
+def test_without_a_name_a_car_is_called_like_its_file(tmp_path, stem, name):
+    path = tmp_path / f"{stem}.json"
+    path.write_text(json.dumps({k: v for k, v in FIELDS.items() if k != "name"}), encoding="utf-8")
+    assert Vehicle.read(path).name == name
 
 
 def test_whole_numbers_optional_fields_and_a_byte_order_mark(tmp_path):
     path = tmp_path / "car.json"
     needed = {**{name: FIELDS[name] for name in list(FIELDS)[:6]}, "mass": 1500}
     path.write_bytes(b"\xef\xbb\xbf" + json.dumps(needed).encode())
-    assert read_vehicle(path) == dataclasses.replace(CAR, source="")
+    assert Vehicle.read(path) == dataclasses.replace(CAR, source="")
 
 
 BAD = [
-    ("json", json.dumps({**FIELDS, "mas": 1.0}), "unknown field 'mas'; did you mean 'mass'?"),
-    ("toml", toml({**FIELDS, "wheel_base": 1.0}), "unknown field 'wheel_base'"),
+    ("json", json.dumps({**FIELDS, "mas": 1.0}), "unknown field of vehicle 'mas'; did you mean 'mass'?"),
+    ("toml", toml({**FIELDS, "wheel_base": 1.0}), "unknown field of vehicle 'wheel_base'"),
     ("json", json.dumps({k: v for k, v in FIELDS.items() if k != "mass"}), "missing field 'mass'"),
     ("toml", "mass = 1.0", "missing fields 'yaw_inertia', 'cg_to_front'"),
     ("json", json.dumps({**FIELDS, "mass": -1}), "mass must be a finite number > 0, got -1.0"),
@@ -67,7 +71,7 @@ def test_a_mistake_is_named(tmp_path, extension, content, text):
     path = tmp_path / f"car.{extension}"
     path.write_text(content, encoding="utf-8")
     with pytest.raises(ValueError, match=re.escape(text)) as caught:
-        find_vehicle(str(path))
+        resolve_vehicle(str(path))
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
 
@@ -75,7 +79,7 @@ def test_a_mistake_is_named(tmp_path, extension, content, text):
 def test_bytes_that_are_no_text(tmp_path):
     (tmp_path / "car.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match="not TOML"):
-        find_vehicle(str(tmp_path / "car.toml"))
+        resolve_vehicle(str(tmp_path / "car.toml"))
 
 
 @pytest.mark.parametrize(
@@ -83,14 +87,19 @@ def test_bytes_that_are_no_text(tmp_path):
     [
         ("overster", "did you mean 'oversteer'"),
         ("", "vehicle must be one of"),
-        ("cars/mine.yaml", "must end in .json or .toml, got 'cars/mine.yaml'"),
+        ("cars/mine.yaml", "got 'cars/mine.yaml' (a car's file ends in .json or .toml)"),
     ],
 )
 def test_neither_a_preset_nor_a_file(name, text):
     with pytest.raises(ValueError, match=re.escape(text)):
-        find_vehicle(name)
+        resolve_vehicle(name)
+
+
+def test_another_ending(tmp_path):
+    with pytest.raises(ValueError, match=r"must end in \.json or \.toml"):
+        Vehicle.read(tmp_path / "car.yaml")
 
 
 def test_a_file_that_is_not_there():
     with pytest.raises(FileNotFoundError):
-        find_vehicle("nowhere.toml")
+        resolve_vehicle("nowhere.toml")
