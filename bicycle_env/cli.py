@@ -114,8 +114,8 @@ def parser() -> Parser:
         "--speed-ratio",
         type=float,
         metavar="RATIO",
-        help=f"a multiple of the critical speed; default: {report.SPEED_RATIO:g}, or {report.DEFAULT_SPEED:g} m/s for "
-        "a car without critical speed",
+        help=f"a multiple of the critical speed; default: {report.DEFAULT_SPEED_RATIO:g}, or "
+        f"{report.DEFAULT_SPEED:g} m/s for a car without critical speed",
     )
     one.add_argument("--tire", default="fiala", metavar="LAW", help=f"{', '.join(tires.LAWS)}; default: fiala")
     one.add_argument("--friction", type=float, default=1.0, metavar="MU", help="of tire on road; default: 1")

@@ -108,12 +108,11 @@ def handling_diagram(
     if front.falls and rear.falls:
         sides += [(False, True), (True, False), (True, True)]
     curves = tuple(_curve(vehicle, friction, (front, rear), beyond, points) for beyond in sides)
-    slope = curves[0].understeer_gradient[-2]
-    balanced = abs(slope) * friction * GRAVITY <= 1e-9 * front.friction_force / front.stiffness
+    neutral, slope = vehicle.yaw_stiffness == 0.0, curves[0].understeer_gradient[-2]
     return HandlingDiagram(
         curves,
         math.inf if isinstance(tire, Linear) else friction * GRAVITY * min(map(_largest_share, (front, rear))),
-        "neutral" if balanced else "plows" if slope > 0.0 else "spins",
+        "neutral" if neutral else "plows" if slope > 0.0 else "spins",
         vehicle.wheelbase,
     )
 
@@ -140,12 +139,13 @@ def _curve(
     slips = [axle.slip(shares * axle.friction_force, side) for axle, side in both]
     loads = vehicle.front_axle_load, vehicle.rear_axle_load
     # d slip / d ay is the axle's mass over the slope of its force.
+    slopes = [axle.slope(slip) for axle, slip in zip(axles, slips, strict=True)]
     at_a_peak = [(slip == axle.peak) & axle.has_peak for axle, slip in zip(axles, slips, strict=True)]
-    slopes = [
-        np.where(there, np.nan, axle.slope(slip)) for axle, slip, there in zip(axles, slips, at_a_peak, strict=True)
-    ]
+    slopes = [np.where(there | (slope == 0.0), np.nan, slope) for slope, there in zip(slopes, at_a_peak, strict=True)]
     front, rear = (load / GRAVITY / slope for load, slope in zip(loads, slopes, strict=True))
-    gradient = np.where(np.abs(front - rear) <= 1e-9 * np.abs(front), 0.0, front - rear)  # neutral to rounding
+    # Both axles of a neutral car are one, scaled: on like sides of their peaks they slip alike, but for rounding.
+    alike = vehicle.yaw_stiffness == 0.0 and beyond[0] == beyond[1]
+    gradient = (0.0 if alike else 1.0) * (front - rear)
     with np.errstate(divide="ignore", invalid="ignore"):
         critical = np.where(gradient < 0.0, np.sqrt(vehicle.wheelbase / -gradient), np.inf)
     critical[np.isnan(gradient)] = np.nan

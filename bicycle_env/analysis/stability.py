@@ -35,14 +35,17 @@ def understeer_gradient(vehicle: str | Vehicle) -> float:
     """K = m (b Cr - a Cf) / ((a+b) Cf Cr), rad per m/s^2 at the road wheels; positive = understeer."""
     vehicle = resolve_vehicle(vehicle)
     front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
-    return vehicle.mass * _balance(vehicle) / (vehicle.wheelbase * front * rear)
+    return vehicle.mass * vehicle.yaw_stiffness / (vehicle.wheelbase * front * rear)
 
 
 def static_margin(vehicle: str | Vehicle) -> float:
-    """(a Cf - b Cr) / ((a+b)(Cf + Cr)), dimensionless; negative = understeer."""
+    """(a Cf - b Cr) / ((a+b)(Cf + Cr)), dimensionless; negative = understeer.
+
+    SAE J670 gives the static margin the opposite sign: positive = understeer.
+    """
     vehicle = resolve_vehicle(vehicle)
     total = vehicle.front_cornering_stiffness + vehicle.rear_cornering_stiffness
-    return (0.0 - _balance(vehicle)) / (vehicle.wheelbase * total)  # not -0 for a neutral car
+    return (0.0 - vehicle.yaw_stiffness) / (vehicle.wheelbase * total)  # not -0 for a neutral car
 
 
 def tangent_speed(vehicle: str | Vehicle) -> float:
@@ -60,7 +63,7 @@ def stability_criterion(vehicle: str | Vehicle, speed: float) -> float:
     vehicle = resolve_vehicle(vehicle)
     speed = positive("speed", speed)
     front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
-    return vehicle.wheelbase**2 * front * rear / speed / speed + vehicle.mass * _balance(vehicle)
+    return vehicle.wheelbase**2 * front * rear / speed / speed + vehicle.mass * vehicle.yaw_stiffness
 
 
 def is_stable(vehicle: str | Vehicle, speed: float) -> bool:
@@ -147,8 +150,8 @@ def modes(vehicle: str | Vehicle, speed: float) -> Modes:
 
 
 def classification(vehicle: str | Vehicle) -> str:
-    """The words "understeer" (6.15), "oversteer" (6.16) or "neutral"."""
-    balance = _balance(resolve_vehicle(vehicle))
+    """The words "understeer" (6.15), "oversteer" (6.16) or "neutral", by ``Vehicle.yaw_stiffness``."""
+    balance = resolve_vehicle(vehicle).yaw_stiffness
     return "understeer" if balance > 0.0 else "oversteer" if balance < 0.0 else "neutral"
 
 
@@ -168,13 +171,6 @@ class Stability(NamedTuple):
 def stability(vehicle: str | Vehicle, speed: float) -> Stability:
     """Gather the open-loop figures. Raises as :func:`stability_criterion`."""
     values = eigenvalues(vehicle, speed)
-    growth = float(np.max(values.real))
+    growth = 0.0 if is_stable(vehicle, speed) else float(np.max(values.real))
     critical = critical_speed(vehicle)
     return Stability(critical, speed / critical, values, math.log(2.0) / growth if growth > 0.0 else math.inf)
-
-
-def _balance(vehicle: Vehicle) -> float:
-    """b Cr - a Cf: positive = understeer (6.15), negative = oversteer (6.16)."""
-    return (
-        vehicle.cg_to_rear * vehicle.rear_cornering_stiffness - vehicle.cg_to_front * vehicle.front_cornering_stiffness
-    )

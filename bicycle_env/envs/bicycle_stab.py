@@ -85,7 +85,7 @@ class BicycleStabEnv(SingleTrackEnv):
     |---------|---------|---------|
     | vehicle | `"oversteer"` | a name in `bicycle_env.vehicles` or a `Vehicle` |
     | tire | `"fiala"` | `"linear"`, `"tanh"`, `"fiala"`, `"magic_formula"` or a tire object |
-    | speed | `None` | m/s; not together with speed_ratio |
+    | speed | `None` | m/s; not with speed_ratio; 30 if neither is given and the vehicle has no critical speed |
     | speed_ratio | `None` | speed as a multiple of the vehicle's critical speed; 1.2 if neither is given |
     | steer | `"both"` | `"front"`, `"rear"` or `"both"` |
     | friction | `1.0` | road friction coefficient |

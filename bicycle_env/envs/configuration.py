@@ -25,6 +25,8 @@ from bicycle_env.tasks.task import SETTLED_SECONDS, Entry, Rules, Task
 
 STEER_MODES = ("front", "rear", "both")
 DEFAULT_SPEED_RATIO = 1.2
+DEFAULT_SPEED = 30.0
+"""m/s: the default for a car without critical speed."""
 LONGEST_TIMESTEP = 10.0  # s
 MOST_SUBSTEPS = 10_000
 
@@ -212,16 +214,21 @@ def configure(
 
 
 def resolve_speed(vehicle: Vehicle, speed: float | None, speed_ratio: float | None) -> float:
-    """The speed [m/s] from at most one of the two keywords; ValueError or TypeError otherwise."""
+    """The speed [m/s] from at most one of the two keywords; ValueError or TypeError otherwise.
+
+    With neither, 1.2 times the critical speed, or 30 m/s for a car that has none.
+    """
     if speed is not None and speed_ratio is not None:
         raise ValueError(f"give speed or speed_ratio, not both; got {speed!r} and {speed_ratio!r}")
     if speed is not None:
         return checked_speed(speed)
+    if speed_ratio is None and math.isinf(vehicle.critical_speed):
+        return DEFAULT_SPEED
     ratio = positive("speed_ratio", DEFAULT_SPEED_RATIO if speed_ratio is None else speed_ratio)
     if math.isinf(vehicle.critical_speed):
         raise ValueError(
-            f"speed_ratio must not be used (got {ratio:g}{' by default' if speed_ratio is None else ''}): this vehicle "
-            "does not oversteer and has no critical speed; give speed in m/s"
+            f"speed_ratio must not be used (got {ratio:g}): this vehicle does not oversteer and has no critical speed; "
+            "give speed in m/s"
         )
     return checked_speed(ratio * vehicle.critical_speed, "speed_ratio x critical speed")
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import LinearModel
 from bicycle_env.analysis.stability import Stability
-from bicycle_env.envs.configuration import DEFAULT_SPEED_RATIO, Configuration, Configured, configure
+from bicycle_env.envs.configuration import Configuration, Configured, configure, resolve_speed
 from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.single_track import Car, car_on_road
@@ -85,12 +85,14 @@ def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> F
         value = columns.get(name, otherwise if given[name] is None else given[name])
         return np.broadcast_to(np.asarray(value, dtype=np.float64), num_envs)
 
-    ratio, friction = column_of("speed_ratio", DEFAULT_SPEED_RATIO), column_of("friction", 1.0)
+    friction = column_of("friction", 1.0)
     speed = column_of("speed", 0.0).copy()
     car = Car(*(np.empty(num_envs) for _ in Car._fields))
     for vehicle, rows in groups.items():
-        if given["speed"] is None:
-            speed[rows] = ratio[rows] * vehicle.critical_speed
+        if given["speed"] is None and given["speed_ratio"] is None:
+            speed[rows] = resolve_speed(vehicle, None, None)
+        elif given["speed"] is None:
+            speed[rows] = column_of("speed_ratio", 1.0)[rows] * vehicle.critical_speed
         alike: Any = (speed[rows], friction[rows], first.front_actuator, first.rear_actuator)
         for column, values in zip(car, car_on_road(vehicle, *alike), strict=True):
             column[rows] = values

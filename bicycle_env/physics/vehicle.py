@@ -12,6 +12,8 @@ from bicycle_env.physics.car_files import read_fields
 from bicycle_env.physics.validation import explain_keywords, from_fields, positive
 
 GRAVITY = 9.81  # m/s^2
+NEUTRAL = 1e-9
+"""A car is neutral where a Cf and b Cr differ by no more than this share of the larger."""
 LONGEST_NAME = 100
 LABELS = ("source", "name")
 """The fields of a Vehicle that are no numbers."""
@@ -124,13 +126,22 @@ class Vehicle:
         return self.front_extent + self.rear_extent
 
     @property
+    def yaw_stiffness(self) -> float:
+        """b Cr - a Cf, N m/rad: positive = understeer (6.15), negative = oversteer (6.16), exactly 0 = neutral.
+
+        The one place that decides between the three: it is 0 for moments that are equal up to rounding (``NEUTRAL``).
+        """
+        front = self.cg_to_front * self.front_cornering_stiffness
+        rear = self.cg_to_rear * self.rear_cornering_stiffness
+        return 0.0 if abs(rear - front) <= NEUTRAL * max(front, rear) else rear - front
+
+    @property
     def critical_speed(self) -> float:
         """U_crit of (6.17), m/s: an oversteering car is unstable above it; infinite when there is none."""
-        oversteer = self.cg_to_front * self.front_cornering_stiffness - self.cg_to_rear * self.rear_cornering_stiffness
-        if oversteer <= 0.0:
+        if self.yaw_stiffness >= 0.0:
             return math.inf
         stiffness = self.front_cornering_stiffness * self.rear_cornering_stiffness
-        return self.wheelbase * math.sqrt(stiffness / (self.mass * oversteer))
+        return self.wheelbase * math.sqrt(stiffness / (self.mass * -self.yaw_stiffness))
 
 
 def _printable(label: str) -> str:

@@ -13,16 +13,14 @@ from numpy.typing import NDArray
 
 from bicycle_env import analysis
 from bicycle_env.control.design import continuous_gain
-from bicycle_env.envs.configuration import resolve_speed
+from bicycle_env.envs.configuration import DEFAULT_SPEED, DEFAULT_SPEED_RATIO, resolve_speed
 from bicycle_env.physics import tires
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.validation import number, whole
 from bicycle_env.physics.vehicle import Vehicle
 
-SPEED_RATIO = 1.2
-"""Of the critical speed: the default, as long as that is not beyond FASTEST_DEFAULT."""
-FASTEST_DEFAULT = 100.0  # m/s
-DEFAULT_SPEED = 30.0  # m/s, for the other cars
+FASTEST_DEFAULT = 100.0
+"""m/s: where the environments' default would be beyond it, the report takes DEFAULT_SPEED."""
 SPEEDS = (3.0, 150.0)  # m/s: what a report is made for
 STEER_LIMITS = (0.1, 0.05)  # rad, front and rear
 BOX = (0.4, 1.0)  # |sideslip| [rad], |yaw rate| [rad/s]: whose share is given
@@ -140,7 +138,7 @@ def _speed(vehicle: Vehicle, speed: float | None, speed_ratio: float | None) -> 
     if speed is not None and speed_ratio is None:
         return number("speed", speed, *SPEEDS)
     if speed is None and speed_ratio is None:
-        beyond = SPEED_RATIO * vehicle.critical_speed
+        beyond = DEFAULT_SPEED_RATIO * vehicle.critical_speed
         return beyond if SPEEDS[0] <= beyond <= FASTEST_DEFAULT else DEFAULT_SPEED
     return number("speed_ratio x critical speed", resolve_speed(vehicle, speed, speed_ratio), *SPEEDS)
 

@@ -10,6 +10,7 @@ import gymnasium as gym
 import pytest
 
 from bicycle_env import Actuator, vehicles
+from bicycle_env.envs.configuration import DEFAULT_SPEED
 from bicycle_env.envs.single_track_env import keyword_names
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.registration import ENVIRONMENTS
@@ -117,6 +118,7 @@ def test_the_meanings_name_the_defaults_that_none_stands_for(page):
     assert page.env.horizon == page.row.max_episode_steps == page.env.task.episode_steps
     ratio = page.env.speed / page.env.vehicle.critical_speed
     assert f"{ratio:.12g} if neither is given" in meaning["speed_ratio"]
+    assert f"{DEFAULT_SPEED:g} if neither is given and the vehicle has no critical speed" in meaning["speed"]
     for words, keyword in (
         (("linear", "tanh", "fiala", "magic_formula"), "tire"),
         (("front", "rear", "both"), "steer"),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bicycle_env import Actuator, tires, vehicles
+from bicycle_env.envs.configuration import DEFAULT_SPEED
 from bicycle_env.envs.single_track_env import keyword_names
 from bicycle_env.registration import ENVIRONMENTS
 
@@ -31,7 +32,7 @@ REQUIRED = POSITIVE + values(None, error=TypeError)
 AN_ACTUATOR = values(None, 0.1, "front", (0.1, 0.7, 0.05), {"angle_limit": 0.1}, Actuator, error=TypeError)
 
 BAD = {
-    "vehicle": values("oversteerr", "", "Oversteer") + values(None, 3, {"mass": 1500.0}, error=TypeError),
+    "vehicle": values("oversteerr", "", "Oversteer", {"mass": 1500.0}) + values(None, 3, error=TypeError),
     "tire": values("fialaa", "", "Fiala") + values(None, 3, tires.Fiala, lambda xp: xp, error=TypeError),
     "speed": POSITIVE,
     "speed_ratio": POSITIVE,
@@ -148,9 +149,9 @@ def test_speed_and_speed_ratio_together(env_id):
 @pytest.mark.parametrize("name", [name for name, car in vehicles.items() if math.isinf(car.critical_speed)])
 @pytest.mark.parametrize("env_id", IDS)
 def test_a_speed_ratio_needs_a_critical_speed(env_id, name):
-    for keywords in ({}, {"speed_ratio": 0.9}):
-        with pytest.raises(ValueError, match=r"speed_ratio.*no critical speed.*give speed"):
-            gym.make(env_id, vehicle=name, **keywords)
+    with pytest.raises(ValueError, match=r"speed_ratio.*no critical speed.*give speed"):
+        gym.make(env_id, vehicle=name, speed_ratio=0.9)
+    assert gym.make(env_id, vehicle=name).unwrapped.speed == DEFAULT_SPEED
     assert gym.make(env_id, vehicle=name, speed=25.0).unwrapped.speed == 25.0
 
 
