@@ -39,7 +39,9 @@ EVERYTHING = {
 
 ROWS = {
     "physics": Row({"files"}, {"numpy", "numba", "llvmlite"}),  # llvmlite: numba's own way to its compiler
-    "files": Row(set(), set()),
+    "physics.validation": Row(set(), set()),
+    "files": Row(set(), {"numpy"}),
+    "files.schema": Row({"physics"}, set()),  # of physics, the checks of values, which import nothing
     "provenance": Row(set(), set()),
     "streams": Row(set(), set()),
     "analysis": Row({"physics"}, {"numpy", "scipy", "numba"}, lazy_packages={"control", "tqdm"}),

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import tomllib
 from pathlib import Path
 from typing import Any
+
+from bicycle_env.files import read_table
 
 EXTENSIONS = (".json", ".toml")
 LARGEST_FILE = 100_000  # bytes
@@ -23,27 +23,13 @@ def read_fields(path: str | Path) -> dict[str, Any]:
         ValueError: another ending; the file is too large, or holds no such table; one line that names the file.
         OSError: the file cannot be read.
     """
-    path = Path(path)
     if not is_car_file(str(path)):
         raise ValueError(f"vehicle: a car's file must end in .json or .toml, got {str(path)!r}")
-    with path.open("rb") as file:
-        content = file.read(LARGEST_FILE + 1)
-    if len(content) > LARGEST_FILE:
-        raise ValueError(f"{path}: a car's file is not larger than {LARGEST_FILE} bytes")
-    try:
-        text = content.decode("utf-8-sig")
-        fields = tomllib.loads(text) if path.suffix.lower() == ".toml" else json.loads(text, object_pairs_hook=_once)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: not {path.suffix.lower()[1:].upper()}: {error}") from None
-    if not isinstance(fields, dict):
-        raise ValueError(f"{path}: must be a table of fields such as mass = 1500, got a {type(fields).__name__}")
+    fields: dict[str, Any] = read_table(path, _fields, LARGEST_FILE)
     return fields
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object in which no key stands twice."""
-    table = dict(pairs)
-    if len(table) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise ValueError(f"{next(key for key in keys if keys.count(key) > 1)!r} stands twice")
-    return table
+def _fields(_: str, content: Any) -> dict[str, Any]:
+    if not isinstance(content, dict):
+        raise TypeError(f"must be a table of fields such as mass = 1500, got a {type(content).__name__}")
+    return content

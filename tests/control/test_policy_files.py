@@ -10,7 +10,6 @@ import struct
 import numpy as np
 import pytest
 
-from bicycle_env import files
 from bicycle_env.control import Network, load
 from bicycle_env.control.network import ACTIVATIONS, DESCRIPTION_FILE, OUTPUTS, WEIGHTS_FILE
 
@@ -290,22 +289,6 @@ class KilledError(BaseException):
     """Stands for a signal in the middle of a write."""
 
 
-@pytest.mark.parametrize("function", ["replace", "fsync"])
-def test_a_kill_while_writing_leaves_the_old_file(tmp_path, monkeypatch, function):
-    path = tmp_path / "file.json"
-    files.write_json(path, {"old": 1})
-
-    def killed(*_, **__):
-        raise KilledError
-
-    monkeypatch.setattr(os, function, killed)
-    with pytest.raises(KilledError):
-        files.write_json(path, {"new": 2})
-    monkeypatch.undo()
-    assert json.loads(path.read_text()) == {"old": 1}
-    assert os.listdir(tmp_path) == ["file.json"], "the temporary file is left behind"
-
-
 def test_a_kill_while_saving_leaves_a_policy_that_loads(folder, monkeypatch):
     x = np.ones(5, np.float32)
     before = load(folder).act(x)
@@ -318,21 +301,3 @@ def test_a_kill_while_saving_leaves_a_policy_that_loads(folder, monkeypatch):
         network(9).save(folder)
     monkeypatch.undo()
     assert np.array_equal(load(folder).act(x), before)
-
-
-def test_writing_makes_the_folder_and_a_file_that_others_may_read(tmp_path):
-    path = tmp_path / "a" / "b" / "file.bin"
-    files.write_bytes(path, b"one")
-    files.write_bytes(str(path), b"two")
-    assert path.read_bytes() == b"two"
-    assert path.stat().st_mode & 0o777 == 0o644
-
-
-@pytest.mark.parametrize("bad", [float("nan"), float("inf"), [1.0, -float("inf")]])
-def test_json_has_no_nan(tmp_path, bad):
-    path = tmp_path / "file.json"
-    files.write_json(path, 1)
-    with pytest.raises(ValueError, match="JSON"):
-        files.write_json(path, {"value": bad})
-    assert json.loads(path.read_text()) == 1
-    assert os.listdir(tmp_path) == ["file.json"]

@@ -62,7 +62,7 @@ BAD = [
     ("json", "1" * 5000, "not JSON"),
     ("toml", "mass 3", "not TOML: "),
     ("toml", "mass = 1\nmass = 2", "not TOML: "),
-    ("json", " " * 200_000, "is not larger than"),
+    ("json", " " * 200_000, "must not be larger than"),
 ]
 
 
