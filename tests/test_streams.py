@@ -52,7 +52,7 @@ def test_the_users_own_remedy_stays(stream):
     assert written() == "m\\xb2"
 
 
-@pytest.mark.parametrize("replacement", [None, io.StringIO()], ids=str)
+@pytest.mark.parametrize("replacement", [None, io.StringIO()], ids=["none", "in memory"])
 def test_streams_of_another_kind_are_left_alone(monkeypatch, replacement):
     monkeypatch.setattr(sys, "stdout", replacement)
     take_any_text()
