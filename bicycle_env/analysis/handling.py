@@ -25,7 +25,7 @@ from bicycle_env.physics.dual_numbers import Dual, dual_namespace
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.tires import Linear, Tire, resolve
-from bicycle_env.physics.validation import number, positive, whole
+from bicycle_env.physics.validation import in_range, number, positive, whole
 from bicycle_env.physics.vehicle import GRAVITY, Vehicle
 
 Array = NDArray[np.float64]
@@ -102,7 +102,7 @@ def handling_diagram(
         ValueError, TypeError: a bad value, named with its allowed range.
     """
     vehicle, tire = resolve_vehicle(vehicle), resolve(tire)
-    friction, points = positive("friction", friction), whole("points", points, 3, 100_000)
+    friction, points = in_range("friction", friction), whole("points", points, 3, 100_000)
     front, rear = _axles(vehicle, tire, friction)
     sides = [(False, False)]
     if front.falls and rear.falls:

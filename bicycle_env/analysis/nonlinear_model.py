@@ -22,7 +22,7 @@ from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.simulate import resolve_geometry
 from bicycle_env.physics.single_track import CarState, axles, car_on_road, single_track
 from bicycle_env.physics.tires import Law, Tire, resolve
-from bicycle_env.physics.validation import checked_speed, number, positive
+from bicycle_env.physics.validation import checked_speed, in_range, number
 from bicycle_env.physics.vehicle import Vehicle
 
 
@@ -52,7 +52,7 @@ class NonlinearModel:
         self.vehicle = resolve_vehicle(vehicle)
         self.speed = checked_speed(speed)
         self.tire = resolve(tire)
-        self.friction = positive("friction", friction)
+        self.friction = in_range("friction", friction)
         self.geometry = resolve_geometry(geometry, self.tire)
         self.car = car_on_road(self.vehicle, self.speed, self.friction, FRONT, REAR)
         self.front_slip_scale = self.car.front_peak_force / self.car.front_cornering_stiffness

@@ -14,11 +14,11 @@ from bicycle_env.analysis.stability import Stability, stability
 from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.integrators import check_timestep
-from bicycle_env.physics.linear_single_track import fastest_rate
+from bicycle_env.physics.linear_single_track import fastest_rate, state_matrix
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.simulate import resolve_geometry
 from bicycle_env.physics.single_track import Car, car_on_road
-from bicycle_env.physics.validation import checked_speed, choice, number, positive, whole
+from bicycle_env.physics.validation import checked_speed, choice, in_range, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.rewards import REWARDS
 from bicycle_env.tasks.task import SETTLED_SECONDS, Entry, Rules, Task
@@ -27,8 +27,9 @@ STEER_MODES = ("front", "rear", "both")
 DEFAULT_SPEED_RATIO = 1.2
 DEFAULT_SPEED = 30.0
 """m/s: the default for a car without critical speed."""
-LONGEST_TIMESTEP = 10.0  # s
 MOST_SUBSTEPS = 10_000
+MOST_GROWTH = 20.0
+"""Largest growth rate x control_timestep: e^20 is 5e8. Beyond, numbers overflow before an episode can end."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,17 +175,23 @@ def configure(
     tire = tires.resolve(tire)
     speed = resolve_speed(vehicle, speed, speed_ratio)
     steer = choice("steer", steer, STEER_MODES)
-    friction = positive("friction", friction)
+    friction = in_range("friction", friction)
     geometry = resolve_geometry(geometry, tire)
     reward = choice("reward", reward, REWARDS)
     horizon = whole("horizon", task.episode_steps if horizon is None else horizon)
     front_actuator = _actuator("front_actuator", front_actuator)
     rear_actuator = _actuator("rear_actuator", rear_actuator)
-    control_timestep = number("control_timestep", control_timestep, high=LONGEST_TIMESTEP, above=0.0)
-    physics_timestep = positive("physics_timestep", physics_timestep)
+    control_timestep = in_range("control_timestep", control_timestep, "timestep")
+    physics_timestep = in_range("physics_timestep", physics_timestep, "timestep")
     lags = (1.0 / front_actuator.time_constant, 1.0 / rear_actuator.time_constant)
     check_timestep("physics_timestep", physics_timestep, max(fastest_rate(vehicle, speed), *lags))
     substeps = _substeps(control_timestep, physics_timestep)
+    growth = float(np.max(np.linalg.eigvals(state_matrix(vehicle, speed)).real))
+    if growth * control_timestep > MOST_GROWTH:
+        raise ValueError(
+            f"control_timestep must be <= {MOST_GROWTH / growth:.3g} s here, got {control_timestep:g}: without "
+            f"steering, a deviation of this car grows as e^({growth:.4g} t)"
+        )
     rules = task.rules(
         control_timestep=control_timestep,
         substeps=substeps,

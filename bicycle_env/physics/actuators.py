@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from bicycle_env.physics.validation import explain_keywords, from_fields, positive, positive_or_infinite
+from bicycle_env.physics.validation import explain_keywords, from_fields, in_range, in_range_or_infinite
 
 
 @explain_keywords
@@ -15,24 +15,22 @@ from bicycle_env.physics.validation import explain_keywords, from_fields, positi
 class Actuator:
     """One steered axle: the command, clipped to the angle limit, is followed with a lag and at a limited rate.
 
-    ``steer' = clip((command - steer) / time_constant, -rate_limit, rate_limit)``. All values positive (ValueError,
-    TypeError otherwise); ``rate_limit=math.inf`` switches that limit off, a small time constant makes the lag small.
+    ``steer' = clip((command - steer) / time_constant, -rate_limit, rate_limit)``. Values must be in
+    the ranges given (ValueError, TypeError otherwise); ``rate_limit=math.inf`` switches that limit off, a small time
+    constant makes the lag small.
     """
 
     angle_limit: float
-    """Largest road-wheel angle, rad; an action of 1 commands it. Below pi/2."""
+    """Largest road-wheel angle, rad; an action of 1 commands it. In [1e-6, 1.57]."""
     rate_limit: float = math.inf
-    """Largest road-wheel rate, rad/s."""
+    """Largest road-wheel rate, rad/s; infinite, or in [1e-6, 1e6]."""
     time_constant: float = 0.05
-    """Lag of the road wheel behind its command, s."""
+    """Lag of the road wheel behind its command, s; in [1e-4, 100]."""
 
     def __post_init__(self) -> None:
-        limit = positive("angle_limit", self.angle_limit)
-        if limit >= math.pi / 2:
-            raise ValueError(f"angle_limit must be > 0 and < pi/2 rad, got {limit!r}")
-        object.__setattr__(self, "angle_limit", limit)
-        object.__setattr__(self, "rate_limit", positive_or_infinite("rate_limit", self.rate_limit))
-        object.__setattr__(self, "time_constant", positive("time_constant", self.time_constant))
+        object.__setattr__(self, "angle_limit", in_range("angle_limit", self.angle_limit))
+        object.__setattr__(self, "rate_limit", in_range_or_infinite("rate_limit", self.rate_limit))
+        object.__setattr__(self, "time_constant", in_range("time_constant", self.time_constant))
 
 
 FRONT = Actuator(angle_limit=math.radians(6.0), rate_limit=math.radians(40.0), time_constant=0.05)

@@ -18,7 +18,7 @@ from bicycle_env.physics.integrators import check_timestep, rk4
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.single_track import GEOMETRIES, Car, CarState, axles, car_on_road, single_track
-from bicycle_env.physics.validation import checked_speed, choice, known_keys, number, positive
+from bicycle_env.physics.validation import checked_speed, choice, in_range, known_keys, number, positive
 from bicycle_env.physics.vehicle import Vehicle
 
 Steer = ArrayLike | Callable[[float], tuple[float, float]]
@@ -63,8 +63,8 @@ def simulate(
     tire = tires.resolve(tire)
     speed = checked_speed(speed)
     duration = positive("duration", duration)
-    timestep = positive("timestep", timestep)
-    friction = positive("friction", friction)
+    timestep = in_range("timestep", timestep)
+    friction = in_range("friction", friction)
     geometry = resolve_geometry(geometry, tire)
     check_timestep("timestep", timestep, fastest_rate(vehicle, speed))
     steps = max(1, int(np.ceil(duration / timestep - 1e-9)))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number
+from bicycle_env.physics.validation import choice, explain_keywords, from_fields, in_range
 
 Law = Callable[[Any, Any, Any], Any]
 
@@ -133,23 +133,40 @@ class MagicFormula(Tire):
     name: str = dataclasses.field(init=False, repr=False, compare=False)
     """Its row in ``LAWS``: with it, what ``dataclasses.asdict`` makes is enough to make the tire again."""
     shape: float = 1.3
-    """c: 0 < c < 2."""
+    """c, in [0.1, 2), so that the force never reverses; with a curvature of exactly 1 up to 3.129, see `law`."""
     curvature: float = -1.0
-    """E <= 1."""
+    """E, in [-1000, 1]."""
 
     def __post_init__(self) -> None:
-        shape = number("shape", self.shape, above=0.0)
-        if shape >= 2.0:
-            raise ValueError(f"shape must be > 0 and < 2, got {shape!r}")
+        shape, curvature = in_range("shape", self.shape), in_range("curvature", self.curvature)
+        if shape >= 2.0 and curvature != 1.0:
+            raise ValueError(f"shape must be < 2 unless curvature is exactly 1, got {shape!r} and {curvature!r}")
         object.__setattr__(self, "shape", shape)
-        object.__setattr__(self, "curvature", number("curvature", self.curvature, high=1.0))
+        object.__setattr__(self, "curvature", curvature)
 
     def law(self, xp: Any) -> Law:
+        """As of every tire.
+
+        With E = 1 what stands in the outer arctangent is atan(B alpha), below pi/2: the force cannot reverse for c up
+        to pi / atan(pi/2) = 3.1294. Sets for wet roads and ice need that. Written out, the difference of large numbers
+        would lose it.
+        """
         shape, curvature = self.shape, self.curvature
+        if curvature == 1.0:
+
+            def bend(x: Any) -> Any:
+                return xp.atan(x)
+
+        else:
+
+            def bend(x: Any) -> Any:
+                return xp.multiply_add(-curvature, x - xp.atan(x), x)
+
+        bend = xp.function(bend)
 
         def lateral_force(slip_angle: Any, cornering_stiffness: Any, peak_force: Any) -> Any:
             x = slip_angle * (cornering_stiffness / (shape * peak_force))
-            return -peak_force * xp.sin(shape * xp.atan(xp.multiply_add(-curvature, x - xp.atan(x), x)))
+            return -peak_force * xp.sin(shape * xp.atan(bend(x)))
 
         return lateral_force
 

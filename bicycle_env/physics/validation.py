@@ -10,6 +10,23 @@ import numbers
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
+RANGES: dict[str, tuple[float, float]] = {
+    "mass": (1e-2, 1e6),  # kg
+    "yaw_inertia": (1e-6, 1e8),  # kg m^2
+    "length": (1e-3, 100.0),  # m: each length of a Vehicle
+    "cornering_stiffness": (1e-2, 1e8),  # N/rad
+    "friction": (1e-3, 10.0),
+    "shape": (0.1, 3.129),  # of the Magic Formula; below 2 unless its curvature is exactly 1
+    "curvature": (-1000.0, 1.0),
+    "speed": (0.1, 1000.0),  # m/s
+    "angle_limit": (1e-6, 1.57),  # rad
+    "rate_limit": (1e-6, 1e6),  # rad/s; or infinity
+    "time_constant": (1e-4, 100.0),  # s
+    "timestep": (1e-6, 10.0),  # s
+}
+"""What a car, its tires, its road and its clock may be, both ends included: from a model at a tenth of the size to the
+heaviest truck, and orders of magnitude beyond both. Further out, what is legal arithmetic ends in infinity and NaN."""
+
 Class = TypeVar("Class", bound=type)
 Value = TypeVar("Value")
 
@@ -39,9 +56,14 @@ def positive(name: str, value: object) -> float:
     return number(name, value, above=0.0)
 
 
-def positive_or_infinite(name: str, value: object) -> float:
-    """A float > 0; infinity means "no limit"."""
-    return math.inf if _is_infinite(value) else positive(name, value)
+def in_range(name: str, value: object, quantity: str | None = None) -> float:
+    """A finite float in the range of a quantity of ``RANGES``, by default the one of that name."""
+    return number(name, value, *RANGES[quantity or name])
+
+
+def in_range_or_infinite(name: str, value: object) -> float:
+    """As :func:`in_range`; infinity means "no limit"."""
+    return math.inf if _is_infinite(value) else in_range(name, value)
 
 
 def _is_infinite(value: object) -> bool:
@@ -56,7 +78,7 @@ def _scalar(value: Any) -> Any:
 
 def checked_speed(value: object, name: str = "speed") -> float:
     """A forward speed that the equations can be integrated at: in [0.1, 1000] m/s."""
-    return number(name, value, 0.1, 1000.0)
+    return in_range(name, value, "speed")
 
 
 def whole(name: str, value: object, low: int = 1, high: int = 10**9) -> int:

@@ -9,12 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from bicycle_env.physics.car_files import read_fields
-from bicycle_env.physics.validation import explain_keywords, from_fields, positive
+from bicycle_env.physics.validation import explain_keywords, from_fields, in_range
 
 GRAVITY = 9.81  # m/s^2
 NEUTRAL = 1e-9
 """A car is neutral where a Cf and b Cr differ by no more than this share of the larger."""
 LONGEST_NAME = 100
+QUANTITIES = {
+    "mass": "mass",
+    "yaw_inertia": "yaw_inertia",
+    "front_cornering_stiffness": "cornering_stiffness",
+    "rear_cornering_stiffness": "cornering_stiffness",
+}
+"""The rows of ``RANGES`` that the fields of a Vehicle are checked against; the others are lengths."""
 LABELS = ("source", "name")
 """The fields of a Vehicle that are no numbers."""
 
@@ -24,7 +31,8 @@ LABELS = ("source", "name")
 class Vehicle:
     """A car as the single-track model sees it; immutable, SI units, cornering stiffness per AXLE (both tires).
 
-    All values must be finite and positive (ValueError, TypeError otherwise). The first six are Karnopp's
+    Masses must be in [0.01, 1e6] kg, yaw inertias in [1e-6, 1e8] kg m^2, lengths in [0.001, 100] m and cornering
+    stiffnesses in [0.01, 1e8] N/rad (ValueError, TypeError otherwise). The first six are Karnopp's
     m, I_z, a, b, C_f, C_r; the lengths after them say how large the body is (lane departure, pictures) and where
     the wheels are (four-wheel form, equations 6.1-6.5), and do not enter the equations of motion.
     """
@@ -59,7 +67,8 @@ class Vehicle:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             if field.name not in LABELS:
-                object.__setattr__(self, field.name, positive(field.name, getattr(self, field.name)))
+                quantity = QUANTITIES.get(field.name, "length")
+                object.__setattr__(self, field.name, in_range(field.name, getattr(self, field.name), quantity))
         for label in LABELS:
             if not isinstance(getattr(self, label), str):
                 raise TypeError(f"{label} must be a string, got {getattr(self, label)!r}")

@@ -16,7 +16,7 @@ from bicycle_env.control.design import continuous_gain
 from bicycle_env.envs.configuration import DEFAULT_SPEED, DEFAULT_SPEED_RATIO, resolve_speed
 from bicycle_env.physics import tires
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.validation import number, whole
+from bicycle_env.physics.validation import in_range, number, whole
 from bicycle_env.physics.vehicle import Vehicle
 
 FASTEST_DEFAULT = 100.0
@@ -123,7 +123,7 @@ def study(
         vehicle=vehicle,
         speed=_speed(vehicle, speed, speed_ratio),
         tire=tire,
-        friction=number("friction", friction, high=10.0, above=0.0),
+        friction=in_range("friction", friction),
         grid=whole("grid", grid, COARSEST, FINEST),
     )
     if found.is_at_critical_speed and isinstance(tire, tires.Linear):

@@ -277,7 +277,7 @@ BAD_KEYWORDS = [
     ({"tyre": "fiala"}, TypeError, "unknown keyword 'tyre'; did you mean 'tire'"),
     ({"render_mode": "human"}, TypeError, "unknown keyword 'render_mode'"),
     ({"direction": "left"}, TypeError, "unknown keyword 'direction'"),
-    ({"friction": [1.0, 1.0, -1.0, 1.0]}, ValueError, "car 2: friction must be a finite number > 0, got -1"),
+    ({"friction": [1.0, 1.0, -1.0, 1.0]}, ValueError, "car 2: friction must be .*, got -1"),
     ({"friction": torch.ones(3)}, ValueError, "friction must be one number or num_envs = 4 of them"),
     ({"speed_ratio": [1.0, 1.0, np.nan, 1.0]}, ValueError, "car 2: speed_ratio must be"),
 ]  # fmt: skip

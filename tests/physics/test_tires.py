@@ -172,6 +172,31 @@ def test_magic_formula_checks_its_parameters(keywords, error, named):
 
 def test_magic_formula_accepts_the_edges():
     assert tires.MagicFormula(shape=1.9999, curvature=1).curvature == 1.0
+    assert tires.MagicFormula(shape=1.9999, curvature=1.0 - 1e-16).shape == 1.9999
+    assert tires.MagicFormula(shape=3.129, curvature=1).shape == 3.129 < math.pi / math.atan(math.pi / 2) < 3.1295
+
+
+EVERY_SLIP = np.concatenate([np.linspace(0.0, 3.2, 4001), 10.0 ** np.linspace(-12.0, 18.0, 4001)])[1:]
+
+
+@pytest.mark.parametrize(
+    ("shape", "curvature"), [(3.129, 1.0), (2.5, 1.0), (2.0, 1.0), (1.9999, 1.0), (1.9999, 1.0 - 1e-12), (1.9999, -1e3)]
+)
+def test_the_force_of_the_magic_formula_does_not_reverse(shape, curvature):
+    """Nor at slips and stiffnesses that no car has: B alpha is up to 1e24 here."""
+    for stiffness, peak in ((C, PEAK), (C, 0.1), (1e8, 1e-3)):
+        force = tires.MagicFormula(shape, curvature).lateral_force(EVERY_SLIP, stiffness, peak)
+        assert np.all(force < 0.0)
+        assert np.all(force >= -peak * (1.0 + 1e-15))
+
+
+@pytest.mark.parametrize("shape", [2.0, 2.5, 3.129])
+def test_with_a_curvature_of_one_the_slope_and_the_definition_hold(shape):
+    tire = tires.MagicFormula(shape=shape, curvature=1.0)
+    assert tire.lateral_force(1e-9, C, PEAK) == pytest.approx(-1e-9 * C, rel=1e-9)
+    x = C / (shape * PEAK) * 0.07
+    expected = -PEAK * math.sin(shape * math.atan(x - 1.0 * (x - math.atan(x))))
+    assert tire.lateral_force(0.07, C, PEAK) == pytest.approx(expected, rel=1e-13)
 
 
 @pytest.mark.parametrize("law", tires.LAWS.values())

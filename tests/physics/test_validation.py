@@ -57,11 +57,20 @@ def test_whole(bad, error):
     assert type(validation.whole("count", np.int32(3))) is int
 
 
-def test_positive_or_infinite():
-    assert validation.positive_or_infinite("limit", math.inf) == math.inf
-    for bad in (-math.inf, math.nan, 0.0):
-        with pytest.raises(ValueError, match="limit must be"):
-            validation.positive_or_infinite("limit", bad)
+@pytest.mark.parametrize("quantity", validation.RANGES)
+def test_a_range_holds_its_ends_and_nothing_beyond(quantity):
+    for end, beyond in zip(validation.RANGES[quantity], (-math.inf, math.inf), strict=True):
+        assert validation.in_range("given", end, quantity) == end
+        for bad in (np.nextafter(end, beyond), beyond, math.nan):
+            with pytest.raises(ValueError, match="given must be a finite number in"):
+                validation.in_range("given", bad, quantity)
+
+
+def test_in_range_or_infinite():
+    assert validation.in_range_or_infinite("rate_limit", math.inf) == math.inf
+    for bad in (-math.inf, math.nan, 0.0, 1e300):
+        with pytest.raises(ValueError, match="rate_limit must be"):
+            validation.in_range_or_infinite("rate_limit", bad)
 
 
 def test_choice_proposes_the_nearest():

@@ -34,14 +34,14 @@ def test_the_fields_are_the_six_of_the_book_and_the_body():
     "bad", [math.nan, math.inf, -math.inf, 0.0, -1.0, 0, np.float64("nan"), np.array(-2.0)], ids=repr
 )
 def test_a_value_out_of_range_is_named(name, bad):
-    with pytest.raises(ValueError, match=rf"^{name} must be a finite number > 0, got"):
+    with pytest.raises(ValueError, match=rf"^{name} must be a finite number in .*, got"):
         Vehicle(**(GIVEN | {name: bad}))
 
 
 @pytest.mark.parametrize("name", NUMBERS)
 @pytest.mark.parametrize("bad", ["heavy", None, True, [1500.0], np.array([1.0]), 1j, {}], ids=repr)
 def test_a_value_of_the_wrong_type_is_named(name, bad):
-    with pytest.raises(TypeError, match=rf"^{name} must be a finite number > 0, got"):
+    with pytest.raises(TypeError, match=rf"^{name} must be a finite number in .*, got"):
         Vehicle(**(GIVEN | {name: bad}))
 
 

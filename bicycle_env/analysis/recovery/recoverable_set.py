@@ -287,8 +287,12 @@ class RecoverableSet:
 
 
 def car_with_limits(vehicle: Vehicle, speed: float, friction: float, limits: tuple[float, float]) -> Car:
-    actuators = [Actuator(max(limit, sys.float_info.min)) for limit in limits]  # an axle that is not steered stays at 0
-    return car_on_road(vehicle, speed, friction, *actuators)
+    """The numbers of a car whose road wheels follow at once; an axle that is not steered stays at 0."""
+    instant = Actuator(angle_limit=1.0)
+    front, rear = (max(limit, sys.float_info.min) for limit in limits)
+    return car_on_road(vehicle, speed, friction, instant, instant)._replace(
+        front_angle_limit=front, rear_angle_limit=rear
+    )
 
 
 def _interpolator(axes: tuple[Array, ...], value: Array) -> Any:

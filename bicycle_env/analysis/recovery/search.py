@@ -21,7 +21,7 @@ from bicycle_env.analysis.recovery.recoverable_set import (
 from bicycle_env.physics import tires
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.simulate import resolve_geometry
-from bicycle_env.physics.validation import checked_speed, choice, number, positive, whole
+from bicycle_env.physics.validation import checked_speed, choice, in_range, number, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def recoverable_set(
     speed = checked_speed(speed)
     tire = tires.resolve(tire)
     choice("steer", steer, STEER_MODES)
-    friction = positive("friction", friction)
+    friction = in_range("friction", friction)
     front, rear = _limits(steer_limits)
     front, rear = (front if steer != "rear" else 0.0), (rear if steer != "front" else 0.0)
     sideslip_limit = number("sideslip_limit", sideslip_limit, high=1.5, above=GOAL_SIDESLIP)
