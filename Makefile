@@ -5,11 +5,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test lint lane-change room benchmark benchmark-vector compat gymnasium-versions clean
+.PHONY: help demo test test-all lint lane-change room benchmark benchmark-vector compat gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: results/demo.json and results/demo/*.png"
-	@echo "make test                install what the tests need and run them"
+	@echo "make test                install what the tests need and run them: every rule and every option"
+	@echo "make test-all            the combinations of options that make test leaves out"
 	@echo "make lint                ruff and mypy"
 	@echo "make lane-change         learn the lane change with five seeds: results/BicycleLaneChange-v0-ppo.json (6 minutes)"
 	@echo "make room                what could be saved beside what controllers save: results/room.json, .png"
@@ -32,6 +33,9 @@ demo: $(VENV)/.installed-demo
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --dist worksteal
+
+test-all: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n auto --dist worksteal -m exhaustive
 
 lint: $(VENV)/.installed-test
 	$(BIN)/python -m ruff format --check .

@@ -21,7 +21,7 @@ from bicycle_env.files.schema import listed, mapping, one_of, table, text, whole
 
 LARGEST = 100_000_000  # bytes of a file
 LARGEST_HEADER = 1_000_000
-DTYPES = {  # in the order in which the library places them
+DTYPES: dict[str, np.dtype[Any]] = {  # in the order in which the library places them
     "U64": np.dtype("<u8"),
     "I64": np.dtype("<i8"),
     "F64": np.dtype("<f8"),

@@ -26,6 +26,8 @@ KINDS = (
     (stat.S_ISBLK, "a device"),
     (stat.S_ISCHR, "a device"),
 )
+BRACKET = re.compile(r"""[][{}]|"(?:[^"\\]|\\.)*+"?""", re.DOTALL)
+"""A bracket, or a text with what stands in it."""
 # tomllib's time grows with the square of the parts of a dotted key.
 PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 LONG_KEY = re.compile(rf"""(?<![\w."'-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{DEEPEST}}}""")
@@ -116,11 +118,11 @@ def parse_json(
 
 
 def _parsed(
-    content: bytes, name: str, language: str, parse: Callable[[str], Any], check: Check | None, deepest: int
+    content: bytes, name: str, language: str, parse: Callable[[str, int], Any], check: Check | None, deepest: int
 ) -> Any:
     with naming(name):
         try:
-            value = parse(content.decode("utf-8-sig"))
+            value = parse(content.decode("utf-8-sig"), deepest)
         except RecursionError:
             raise ValueError(f"not {language}: nested deeper than {deepest}") from None
         except ValueError as error:
@@ -129,11 +131,16 @@ def _parsed(
         return value if check is None else check("", value)
 
 
-def _json(content: str) -> Any:
+def _json(content: str, deepest: int) -> Any:
+    depth = 0
+    for found in BRACKET.finditer(content):  # before the parser, whose own limit is the interpreter's
+        depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(found[0], 0)
+        if depth > deepest:
+            raise ValueError(f"nested deeper than {deepest}")
     return json.loads(content, object_pairs_hook=_once)
 
 
-def _toml(content: str) -> Any:
+def _toml(content: str, _: int) -> Any:
     if LONG_KEY.search(content):
         raise ValueError(f"a key of more than {DEEPEST} parts")
     return tomllib.loads(content)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import gymnasium as gym
 import pytest
+from combinations import only_all, some_of
 
 import bicycle_env  # noqa: F401
 from agents.episodes import drive, evaluate, start_seeds, summarise
@@ -42,9 +43,9 @@ def test_the_command_prints_a_table_and_writes_a_file(tmp_path):
     [
         (["--policy", "lrq"], "did you mean 'lqr'? There is no folder 'lrq' of a trained policy either."),
         (["--policy", "sano"], "needs a driver at the front: 'preview+sano'"),
-        (["--policy", "preview", "--env-keywords", '{"steer": "rear"}'], "steer must be"),
-        (["--env-id", "BicycleStab-v9"], "Ids of this package"),
-        (["--env-keywords", '{"speed": -1}'], "speed must be"),
+        only_all(["--policy", "preview", "--env-keywords", '{"steer": "rear"}'], "steer must be"),
+        only_all(["--env-id", "BicycleStab-v9"], "Ids of this package"),
+        only_all(["--env-keywords", '{"speed": -1}'], "speed must be"),
         (["--episodes", "0"], "--episodes"),
     ],
 )
@@ -55,7 +56,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(words, text):
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("module", ["train", "evaluate", "benchmark", "demo", "tune_lqr"])
+@pytest.mark.parametrize("module", some_of(["train", "evaluate", "benchmark", "demo", "tune_lqr"], ["train"]))
 def test_help_teaches(module):
     done = command(f"agents.{module}", "--help")
     assert done.returncode == 0

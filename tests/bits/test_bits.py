@@ -13,6 +13,7 @@ import llvmlite.binding as llvm
 import numpy as np
 import pytest
 import rollouts
+from combinations import only_all
 from rollouts import ROLLOUTS, name_of, record
 
 FROZEN = json.loads(rollouts.FILE.read_text(encoding="utf-8"))
@@ -79,13 +80,22 @@ def all_of(answers):
     return all(same for forms in answers.values() for same in forms.values())
 
 
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("rollout", ROLLOUTS, ids=name_of)
+def test_all_forms_have_the_frozen_bits(rollout):
+    found = {form: record(rollout, form).hash for form in rollout.forms}
+    assert set(found.values()) == {FROZEN[name_of(rollout)]}, found
+
+
 @on_x86_with_fma
-def test_the_bits_are_those_of_a_processor_without_avx512():
-    answers = on_processor(HASWELL, (2, 5), ("single", "64"))
+@pytest.mark.parametrize("number", [5, *(only_all(number) for number in range(len(ROLLOUTS)) if number != 5)])
+def test_the_bits_are_those_of_a_processor_without_avx512(number):
+    answers = on_processor(HASWELL, (number,), ("single", "64"))
     assert all_of(answers), answers
 
 
 @on_x86_with_fma
-def test_the_bits_are_those_of_a_processor_without_multiply_adds():
-    answers = on_processor(GENERIC, (6,), ("single", "8"))
+@pytest.mark.parametrize("number", [6, *(only_all(number) for number in PAIRWISE if number != 6), only_all(16)])
+def test_the_bits_are_those_of_a_processor_without_multiply_adds(number):
+    answers = on_processor(GENERIC, (number,), ("single", "8"))
     assert all_of(answers), answers

@@ -228,7 +228,7 @@ def test_a_mask_in_every_mode_and_all_true_is_a_reset(mode):
 def test_the_time_limit_is_the_registered_one(row):
     env = make(row.id)
     assert env.max_episode_steps == row.max_episode_steps
-    assert gym.make_vec(row.id, 2, max_episode_steps=17).max_episode_steps == 17
+    assert make(row.id, max_episode_steps=17).max_episode_steps == 17
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

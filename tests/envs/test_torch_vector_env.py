@@ -1,12 +1,12 @@
 """The torch environment drives the single environment's cars: same states, rewards, ends and observations."""
 
 import dataclasses
-import itertools
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from combinations import pairwise
 from torch_cases import (
     CARS,
     IDS,
@@ -41,9 +41,10 @@ def in_single_env(env_id, states, actions, changes, **keywords):
 # Equal to the numpy path
 
 
-@pytest.mark.parametrize("reward", ["default", "quadratic"])
-@pytest.mark.parametrize(("tire", "geometry"), list(itertools.product(tires.LAWS, ("small_angle", "exact"))))
-@pytest.mark.parametrize(("env_id", "steer"), list(itertools.product(IDS, ("front", "rear", "both"))))
+@pytest.mark.parametrize(
+    ("env_id", "tire", "geometry", "reward", "steer"),
+    pairwise(IDS, tires.LAWS, ("small_angle", "exact"), ("default", "quadratic"), ("front", "rear", "both")),
+)
 def test_a_step_equals_the_single_environments(env_id, steer, tire, geometry, reward):
     keywords = {"steer": steer, "tire": tire, "geometry": geometry, "reward": reward}
     states, actions = random_states(), random_actions(axles=2 if steer == "both" else 1)

@@ -10,6 +10,7 @@ import re
 import struct
 
 import pytest
+from combinations import some_of
 
 from bicycle_env import report, vehicles
 from bicycle_env.report import pictures
@@ -54,7 +55,7 @@ def read(text):
     return reader
 
 
-@pytest.fixture(scope="module", params=["oversteer", "neutral", "civic"])
+@pytest.fixture(scope="module", params=some_of(["oversteer", "neutral", "civic"], ["oversteer", "civic"]))
 def written(request, tmp_path_factory):
     """A report on every kind of car, on a coarse grid: (name, folder, what was told)."""
     folder = tmp_path_factory.mktemp(request.param) / "new" / "folder"
@@ -120,7 +121,7 @@ def test_the_words_fit_the_car(written):
         assert "a deviation doubles in" in words
 
 
-@pytest.mark.parametrize("name", vehicles)
+@pytest.mark.parametrize("name", some_of(vehicles, ["oversteer", "neutral", "civic"]))
 def test_every_preset_has_words_for_every_picture(name):
     study = report.study(name, grid=COARSE)
     for subject in SUBJECTS:

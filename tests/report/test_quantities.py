@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from combinations import some_of
 
 from bicycle_env import Vehicle, analysis, report, vehicles
 from bicycle_env.report.quantities import groups
@@ -17,7 +18,7 @@ COARSE = 31
 AXLES = {"front": "front_steer", "rear": "rear_steer"}
 
 
-@pytest.fixture(scope="module", params=vehicles)
+@pytest.fixture(scope="module", params=some_of(vehicles, ["oversteer", "neutral", "civic"]))
 def study(request):
     return report.study(request.param, grid=COARSE)
 

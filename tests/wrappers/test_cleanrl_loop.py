@@ -103,5 +103,6 @@ def test_a_ppo_loop_learns(one_thread):
         with torch.no_grad():
             last_value = agent.value(observation)
         update(agent, optimizer, batch, advantages_of(batch, last_value))
-        curve.append(np.mean(episodes))
+        if episodes:  # cars that learn well may all still be running
+            curve.append(np.mean(episodes))
     assert np.mean(curve[-6:]) > 4.0 * np.mean(curve[:6])
