@@ -3,20 +3,28 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Where results go. Only `make results` writes the tracked folder results/.
+OUT ?= runs
+CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc preview stanley preview+speed-dependent \
+	preview+sano preview+zero-sideslip preview+yaw-rate stanley+speed-dependent stanley+sano stanley+zero-sideslip \
+	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all lint lane-change room benchmark benchmark-vector compat gymnasium-versions clean
+.PHONY: help demo test test-all lint stab lane-change controllers room results benchmark benchmark-vector compat gymnasium-versions clean
 
 help:
-	@echo "make demo                train, compare with LQR, draw: results/demo.json and results/demo/*.png"
+	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/*.png"
 	@echo "make test                install what the tests need and run them: every rule and every option"
 	@echo "make test-all            the combinations of options that make test leaves out"
 	@echo "make lint                ruff and mypy"
-	@echo "make lane-change         learn the lane change with five seeds: results/BicycleLaneChange-v0-ppo.json (6 minutes)"
-	@echo "make room                what could be saved beside what controllers save: results/room.json, .png"
-	@echo "make benchmark           speed beside CartPole and highway-env: results/single_env.json"
-	@echo "make benchmark-vector    many cars at once, beside C and other libraries: results/vector_env.json (needs gcc)"
-	@echo "make compat              Stable-Baselines3, RLlib, TorchRL, Minari, ...: results/compat.json (installs 6 GB)"
+	@echo "make stab                learn to catch the car with ten seeds: runs/BicycleStab-v0-ppo.json"
+	@echo "make lane-change         learn the lane change with five seeds: runs/BicycleLaneChange-v0-ppo.json (6 minutes)"
+	@echo "make controllers         all classical controllers on both tasks: runs/controllers_*.json"
+	@echo "make room                what could be saved beside what controllers save: runs/room.json, .png"
+	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
+	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
+	@echo "make results             all of these into results/, and the tables and pictures of the README and docs/ (hours)"
+	@echo "make compat              Stable-Baselines3, RLlib, TorchRL, Minari, ...: runs/compat.json (installs 6 GB)"
 	@echo "make gymnasium-versions  contract checks on gymnasium $(GYMNASIUM_VERSIONS)"
 
 $(VENV)/bin/python:
@@ -29,7 +37,7 @@ $(VENV)/.installed-%: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@touch $@
 
 demo: $(VENV)/.installed-demo
-	$(BIN)/python -m agents.demo
+	$(BIN)/python -m agents.demo --out $(OUT)
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --dist worksteal
@@ -42,22 +50,39 @@ lint: $(VENV)/.installed-test
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
 
+stab: $(VENV)/.installed-demo
+	$(BIN)/python -m agents.benchmark --env-id BicycleStab-v0 --seeds 10 --out $(OUT)/BicycleStab-v0-ppo.json
+
 lane-change: $(VENV)/.installed-demo
-	$(BIN)/python -m agents.benchmark --env-id BicycleLaneChange-v0 --median-of-lqr 0.8 --worst-of-lqr 0.5
+	$(BIN)/python -m agents.benchmark --env-id BicycleLaneChange-v0 --median-of-lqr 0.8 --worst-of-lqr 0.5 \
+		--out $(OUT)/BicycleLaneChange-v0-ppo.json
+
+controllers: $(VENV)/.installed-test
+	$(BIN)/python -m agents.evaluate --env-id BicycleStab-v0 --policy $(CONTROLLERS) --episodes 200 \
+		--json $(OUT)/controllers_stab.json
+	$(BIN)/python -m agents.evaluate --env-id BicycleLaneChange-v0 --policy $(CONTROLLERS) --episodes 200 \
+		--json $(OUT)/controllers_lane_change.json
 
 room: $(VENV)/.installed-demo
-	$(BIN)/python -m agents.room --json results/room.json
+	$(BIN)/python -m agents.room --json $(OUT)/room.json
 
 benchmark: $(VENV)/.installed-bench
-	$(BIN)/python benchmarks/single_env.py --json results/single_env.json
+	$(BIN)/python benchmarks/single_env.py --json $(OUT)/single_env.json
 
 benchmark-vector: $(VENV)/.installed-bench
-	$(BIN)/python benchmarks/vector_env.py --most 1000000 --json results/vector_env.json
-	$(BIN)/python benchmarks/picture.py
-	$(BIN)/python benchmarks/one_car.py --json results/one_car.json
+	$(BIN)/python benchmarks/vector_env.py --most 1000000 --json $(OUT)/vector_env.json
+	$(BIN)/python benchmarks/picture.py --json $(OUT)/vector_env.json --out $(OUT)/performance.png
+	$(BIN)/python benchmarks/one_car.py --json $(OUT)/one_car.json
+
+# The rows of benchmarks that fall short on a machine stand in their tables: the others are made all the same.
+results:
+	$(MAKE) OUT=results demo stab lane-change controllers room
+	-$(MAKE) -k OUT=results benchmark benchmark-vector
+	cp results/performance.png docs/performance.png
+	$(BIN)/python tools/readme_tables.py
 
 compat: $(VENV)/.installed-test
-	$(BIN)/python tools/compat.py
+	$(BIN)/python tools/compat.py --json $(OUT)/compat.json
 
 gymnasium-versions:
 	@for version in $(GYMNASIUM_VERSIONS); do \

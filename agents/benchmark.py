@@ -2,7 +2,7 @@
 
     python -m agents.benchmark --env-id BicycleLaneChange-v0 --algo ppo --seeds 5
 
-Writes results/ENV_ID-ALGO.json and, beside it, a picture of the learning curves and one of driven episodes.
+Writes runs/ENV_ID-ALGO.json and, beside it, a picture of the learning curves and one of driven episodes.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Args:
     jobs: int = 2
     """Trainings at a time, one core each."""
     out: Path | None = None
-    """Results file; by default results/ENV_ID-ALGO.json."""
+    """Results file; by default runs/ENV_ID-ALGO.json."""
     runs: Path | None = None
     """Folder for the runs; by default a new one under runs/. Finished runs found there are kept, others go on."""
     median_of_lqr: float = 0.0
@@ -129,7 +129,7 @@ def main() -> int:
     console.print(table(f"{args.env_id}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows))
     console.print(table(f"over {args.seeds} seeds: interquartile mean [95 % bootstrap interval]", {algo: whole}))
 
-    out = args.out or Path("results") / f"{args.env_id}-{args.algo}.json"
+    out = args.out or Path("runs") / f"{args.env_id}-{args.algo}.json"
     lqr = controllers["lqr"]["success_rate"]["value"]
     shares = [row["success_rate"]["value"] for row in seeds]
     write_json(

@@ -40,7 +40,7 @@ class Args:
     """Seed of these starts."""
     total_timesteps: int | None = None
     """Training steps; by default as agents/configs says."""
-    out: Path = Path("results")
+    out: Path = Path("runs")
     """Where demo.json and the folder demo/ with the pictures go."""
 
 
@@ -87,7 +87,7 @@ def main() -> int:
     write_json(
         args.out / "demo.json",
         {
-            "command": "make demo",
+            "command": f"python -m agents.demo --seed {args.seed} --out {args.out}",
             **provenance.collect(),
             "env_id": ENV_ID,
             "training_seed": args.seed,

@@ -1,20 +1,27 @@
-"""Draw docs/performance.png from results/vector_env.json: rows per second against the number of cars."""
+"""Draw rows per second against the number of cars, from what benchmarks/vector_env.py wrote.
+
+python benchmarks/picture.py --json results/vector_env.json --out docs/performance.png
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 
 from bicycle_env import plots
 
-ROOT = Path(__file__).parent.parent
 BYTES = {"linear": 2 * 96 + 32 + 8 + 16 + 3}
 """Read and written per row and step: the block twice, observation, action, reward and cost, flags and end."""
 PEERS = ("CartPoleVectorEnv", "envpool Pendulum-v1")
 
 
 def main() -> None:
-    report = json.loads((ROOT / "results" / "vector_env.json").read_text(encoding="utf-8"))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, default=Path("runs/vector_env.json"), help="the figures")
+    parser.add_argument("--out", type=Path, default=Path("runs/performance.png"), help="the picture")
+    options = parser.parse_args()
+    report = json.loads(options.json.read_text(encoding="utf-8"))
     rates, limit = report["rows per second"], report["limit"]
     figure = plots.new_figure(9.0, 6.0, "One control step (five RK4 steps) of many cars, rows per second")
     axes = figure.subplots()
@@ -39,7 +46,7 @@ def main() -> None:
     axes.set_xlabel("number of cars in the vector environment")
     axes.set_ylabel("rows per second")
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    plots.save(figure, ROOT / "docs" / "performance.png")
+    plots.save(figure, options.out)
 
 
 if __name__ == "__main__":

@@ -42,14 +42,17 @@ def versions() -> dict[str, str]:
 
 
 def git_revision() -> str:
-    """The checkout's commit, with "+changes" if its tracked files differ; "unknown" outside of a checkout."""
+    """The checkout's commit, "+changes" if tracked files outside of results/ differ; "unknown" without a checkout."""
     folder = Path(__file__).parent
     try:
         commit = subprocess.run(
             ["git", "rev-parse", "HEAD"], cwd=folder, capture_output=True, text=True, check=True
         ).stdout.strip()
         changed = subprocess.run(
-            ["git", "diff", "--quiet", "HEAD"], cwd=folder, capture_output=True, check=False
+            ["git", "diff", "--quiet", "HEAD", "--", ":/", ":(top,exclude)results"],
+            cwd=folder,
+            capture_output=True,
+            check=False,
         ).returncode
     except (OSError, subprocess.CalledProcessError):
         return "unknown"

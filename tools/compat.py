@@ -19,7 +19,6 @@ from bicycle_env import provenance
 from bicycle_env.files import write_json
 
 ROOT = Path(__file__).parent.parent
-RESULTS = ROOT / "results" / "compat.json"
 SCRIPTS = "tests/compat"
 LONGEST = 1800  # seconds
 SAID = "checked: "
@@ -125,16 +124,17 @@ def check(library: Library, name: str, revision: str) -> dict[str, Any]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", action="append", choices=LIBRARIES, metavar="NAME", help=", ".join(LIBRARIES))
+    parser.add_argument("--json", type=Path, default=ROOT / "runs" / "compat.json", help="where the outcomes go")
     options = parser.parse_args()
-    revision = provenance.git_revision()  # before results/ changes
+    revision = provenance.git_revision()
     results: dict[str, Any] = {"command": "make compat", "machine": provenance.machine(), "libraries": {}}
-    if options.only and RESULTS.is_file():
-        results["libraries"] = json.loads(RESULTS.read_text(encoding="utf-8"))["libraries"]
+    if options.only and options.json.is_file():
+        results["libraries"] = json.loads(options.json.read_text(encoding="utf-8"))["libraries"]
     for name in options.only or LIBRARIES:
         row = results["libraries"][name] = check(LIBRARIES[name], name, revision)
         told = row.get("error") or "; ".join(row["checked"])
         print(f"{name:20s} {row['outcome']:14s} {told}", flush=True)
-        write_json(RESULTS, results)
+        write_json(options.json, results)
     return 0 if all(row["outcome"] == "ok" for row in results["libraries"].values()) else 1
 
 
