@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from bicycle_env import __version__, report, tires
+from bicycle_env.files import shown
 from bicycle_env.physics import announcements
 from bicycle_env.physics.compiled import CompilerDisabledError
 from bicycle_env.physics.validation import choice
@@ -79,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _complain(words: object) -> int:
-    sys.stderr.write(f"{PROGRAM}: error: {words}\n")
+    sys.stderr.write(f"{PROGRAM}: error: {shown(words, 1000)}\n")  # it may hold what stands in a stranger's file
     return 2
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from bicycle_env.files import naming
 from bicycle_env.physics.car_files import read_fields
 from bicycle_env.physics.validation import explain_keywords, from_fields, in_range
 
@@ -99,10 +100,8 @@ class Vehicle:
         """
         path = Path(path)
         fields = read_fields(path)
-        try:
+        with naming(path):
             return cls.from_fields({"name": _printable(path.stem), **fields})
-        except (ValueError, TypeError) as error:
-            raise ValueError(f"{path}: {str(error).removeprefix('vehicle: ')}") from None
 
     @property
     def wheelbase(self) -> float:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import re
 
 import pytest
 
 from bicycle_env import Vehicle, vehicles
+from bicycle_env.cli import main
 from bicycle_env.physics.presets import resolve_vehicle
 
 CAR = vehicles["oversteer"]
@@ -107,3 +109,96 @@ def test_another_ending(tmp_path):
 def test_a_file_that_is_not_there():
     with pytest.raises(FileNotFoundError):
         resolve_vehicle("nowhere.toml")
+
+
+TOML = toml({name: value for name, value in FIELDS.items() if name not in ("source", "name")})
+JSON = json.dumps(FIELDS)
+DAMAGED = {
+    "utf-16.toml": TOML.encode("utf-16"),
+    "utf-16.json": JSON.encode("utf-16"),
+    "utf-32.json": JSON.encode("utf-32"),
+    "latin-1.toml": (TOML + '\nsource = "caf\xe9"').encode("latin-1"),
+    "shift-jis.json": JSON.replace("oversteer", "\u8eca").encode("shift-jis"),
+    "surrogate.json": json.dumps({**FIELDS, "source": "\ud800"}).encode(),
+    "nul.toml": TOML.encode() + b"\n\0",
+    "nul.json": JSON.encode() + b"\0",
+    "nul-in-name.json": json.dumps({**FIELDS, "name": "a\0b"}).encode(),
+    "escape-in-name.json": json.dumps({**FIELDS, "name": "\x1b]0;owned\x07"}).encode(),
+    "escape-as-key.json": json.dumps({**FIELDS, "\x1b[2J\n": 1.0}).encode(),
+    "long-key.json": json.dumps({**FIELDS, "k" * 50_000: 1.0}).encode(),
+    "long-name.json": json.dumps({**FIELDS, "name": "n" * 5000}).encode(),
+    "deep.json": b'{"mass": ' + b"[" * 40_000 + b"]" * 40_000 + b"}",
+    "deep.toml": b"mass = " + b"[" * 40_000 + b"]" * 40_000,
+    "dotted.toml": b".".join([b"a"] * 20_000) + b" = 1",
+    "huge.json": JSON.replace("1500.0", "1e999").encode(),
+    "huge-whole.json": JSON.replace("1500.0", "9" * 4000).encode(),
+    "huge-whole.toml": TOML.replace("1500.0", "9" * 4000).encode(),
+    "hexadecimal.toml": TOML.replace("1500.0", "0x" + "f" * 50_000).encode(),
+    "tiny.json": JSON.replace("1500.0", "5e-324").encode(),
+    "nan.toml": TOML.replace("1500.0", "nan").encode(),
+    "minus-infinity.json": JSON.replace("1500.0", "-Infinity").encode(),
+    "date.toml": TOML.replace("1500.0", "1979-05-27").encode(),
+    "list.toml": TOML.replace("1500.0", "[1500.0]").encode(),
+    "table.toml": TOML.encode() + b"\n[source]\nby = 1",
+    "twice.toml": TOML.encode() + b"\nmass = 1.0",
+    "twice.json": JSON.replace("{", '{"mass": 1.0, ', 1).encode(),
+    "two.json": (JSON + JSON).encode(),
+    "comment.json": b"// a car\n" + JSON.encode(),
+    "cut.json": JSON[:-20].encode(),
+    "cut.toml": TOML[:-4].encode() + b"e",
+    "empty.json": b"",
+    "empty.toml": b"",
+    "null.json": b"null",
+    "word.json": b'"oversteer"',
+    "zip.json": b"PK\x03\x04" + bytes(range(256)),
+    "pickle.json": b"\x80\x04\x95\x00\x00",
+    "large.toml": b"#" * 200_000,
+}
+
+
+def refused(path, capsys):
+    """What the function says, after the command has said the same in one line of printable text."""
+    with pytest.raises((ValueError, OSError)) as caught:
+        resolve_vehicle(str(path))
+    assert main(["report", "--vehicle", str(path)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("bicycle-env: error: ")
+    assert printed.err.endswith("\n")
+    assert printed.err[:-1].isprintable()
+    assert len(printed.err) < 1100
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_a_damaged_file_gives_one_line(tmp_path, capsys, name):
+    (tmp_path / name).write_bytes(DAMAGED[name])
+    said = refused(tmp_path / name, capsys)
+    assert said.startswith(str(tmp_path / name))
+    assert said.isprintable()
+
+
+def test_what_is_no_regular_file_gives_one_line(tmp_path, capsys):
+    (tmp_path / "folder.toml").mkdir()
+    os.mkfifo(tmp_path / "fifo.json")
+    (tmp_path / "device.json").symlink_to("/dev/zero")
+    (tmp_path / "nowhere.json").symlink_to(tmp_path / "missing")
+    (tmp_path / "loop.json").symlink_to(tmp_path / "loop.json")
+    with (tmp_path / "sparse.json").open("wb") as file:
+        file.truncate(3_000_000_000)
+    for name, text in (
+        ("folder.toml", "is a folder"),
+        ("fifo.json", "is a FIFO"),
+        ("device.json", "is a device"),
+        ("nowhere.json", "No such file"),
+        ("loop.json", "symbolic links"),
+        ("sparse.json", "must not be larger than 100000 bytes, has 3000000000"),
+        ("file/car.json", "No such file"),
+        ("n" * 300 + ".json", "name too long"),
+    ):
+        assert text in refused(tmp_path / name, capsys)
+
+
+@pytest.mark.parametrize("name", ["a\0b.json", "\x1b[2J\n.toml", "\ud800.json"])
+def test_a_name_that_no_file_has(name, capsys):
+    refused(name, capsys)
