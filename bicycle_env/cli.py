@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
@@ -15,6 +16,7 @@ from bicycle_env.files import shown
 from bicycle_env.physics import announcements
 from bicycle_env.physics.compiled import CompilerDisabledError
 from bicycle_env.physics.validation import choice
+from bicycle_env.physics.vehicle import UnitWarning
 from bicycle_env.streams import take_any_text
 
 PROGRAM = "bicycle-env"
@@ -170,7 +172,16 @@ def run_report(chosen: argparse.Namespace) -> None:
 
 
 def _study(chosen: argparse.Namespace) -> report.Study:
-    """What the user asks about; a UserError names what is wrong with it."""
+    """What the user asks about; a UserError names what is wrong with it, and a line what looks wrong."""
+    with warnings.catch_warnings(record=True) as remarks:
+        warnings.simplefilter("always", UnitWarning)
+        study = _checked_study(chosen)
+    for remark in remarks:
+        sys.stderr.write(f"{PROGRAM}: remark: {shown(remark.message, 1000)}\n")
+    return study
+
+
+def _checked_study(chosen: argparse.Namespace) -> report.Study:
     try:
         choice("tire", chosen.tire, tires.LAWS)
         return report.study(

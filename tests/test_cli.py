@@ -103,8 +103,8 @@ def mistakes(tmp_path):
         (["report", "--vehicle", "nowhere.toml"], "nowhere.toml: No such file or directory"),
         (["report", "--vehicle", str(bad)], "unknown field of vehicle 'mas'; did you mean 'mass'?"),
         (["report", "--speed", "fast"], "argument --speed: invalid float value: 'fast'"),
-        (["report", "--speed", "-3"], "speed must be a finite number in [3, 150], got -3.0"),
-        (["report", "--speed", "nan"], "speed must be a finite number in [3, 150], got nan"),
+        (["report", "--speed", "-3"], "speed must be a finite number in [0.1, 150], got -3.0"),
+        (["report", "--speed", "nan"], "speed must be a finite number in [0.1, 150], got nan"),
         (["report", "--speed", "30", "--speed-ratio", "2"], "not allowed with argument --speed"),
         (["report", "--tire", "fila"], "did you mean 'fiala'?"),
         (["report", "--friction", "0"], "friction must be a finite number in"),
@@ -124,6 +124,19 @@ def test_every_mistake_is_one_line_and_exit_code_2(tmp_path, capsys):
         assert text in printed.err, words
         assert printed.err.startswith("bicycle-env: error: ")
         assert printed.err.count("\n") == 1, words
+
+
+def test_a_likely_wrong_unit_is_one_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(report, "compute", lambda *_: None)
+    monkeypatch.setattr(report, "as_text", lambda _: "numbers\n")
+    (tmp_path / "my_car.json").write_text(
+        json.dumps({**dataclasses.asdict(vehicles["tsx"]), "front_cornering_stiffness": 1446.3}), encoding="utf-8"
+    )
+    assert main(["report", "--vehicle", str(tmp_path / "my_car.json"), "--quiet"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == "numbers\n"
+    assert printed.err.startswith("bicycle-env: remark: front_cornering_stiffness = 1446.3 N/rad is 0.149 per rad")
+    assert printed.err.count("\n") == 1
 
 
 def test_without_matplotlib_the_page_names_what_to_install_at_once(tmp_path, capsys, no_matplotlib):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,14 @@ GRAVITY = 9.81  # m/s^2
 NEUTRAL = 1e-9
 """A car is neutral where a Cf and b Cr differ by no more than this share of the larger."""
 LONGEST_NAME = 100
+USUAL_COEFFICIENTS = (3.0, 60.0)
+"""Cornering stiffness per axle load, 1/rad: tires of passenger cars have 8 to 25; beyond these a unit is wrong."""
+
+
+class UnitWarning(UserWarning):
+    """A vehicle's numbers look as if one of them were in another unit."""
+
+
 QUANTITIES = {
     "mass": "mass",
     "yaw_inertia": "yaw_inertia",
@@ -33,7 +42,8 @@ class Vehicle:
     """A car as the single-track model sees it; immutable, SI units, cornering stiffness per AXLE (both tires).
 
     Masses must be in [0.01, 1e6] kg, yaw inertias in [1e-6, 1e8] kg m^2, lengths in [0.001, 100] m and cornering
-    stiffnesses in [0.01, 1e8] N/rad (ValueError, TypeError otherwise). The first six are Karnopp's
+    stiffnesses in [0.01, 1e8] N/rad (ValueError, TypeError otherwise). Where a cornering stiffness is not 3 to 60 per
+    rad of its axle's load a UnitWarning asks for the units; the car is made all the same. The first six are Karnopp's
     m, I_z, a, b, C_f, C_r; the lengths after them say how large the body is (lane departure, pictures) and where
     the wheels are (four-wheel form, equations 6.1-6.5), and do not enter the equations of motion.
     """
@@ -77,6 +87,21 @@ class Vehicle:
             raise ValueError(
                 f"name must be one line of at most {LONGEST_NAME} printable characters, got {self.name[:200]!r}"
             )
+        self._remark_on_units()
+
+    def _remark_on_units(self) -> None:
+        low, high = USUAL_COEFFICIENTS
+        for axle in ("front", "rear"):
+            stiffness, load = getattr(self, f"{axle}_cornering_stiffness"), getattr(self, f"{axle}_axle_load")
+            if not low <= stiffness / load <= high:
+                warnings.warn(
+                    f"{axle}_cornering_stiffness = {stiffness:g} N/rad is {stiffness / load:.3g} per rad of the axle's "
+                    f"load of {load:.4g} N; cars have {low:g} to {high:g}. Is it in N/deg or kN, of one tire, or is "
+                    "the mass in tonnes or a length in mm?",
+                    UnitWarning,
+                    stacklevel=5,  # of Vehicle(...): above are the dataclass's and the explaining __init__
+                )
+                return
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Vehicle:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -13,8 +14,8 @@ from numpy.typing import NDArray
 from bicycle_env.analysis.stability import critical_speed, eigenvalues, static_margin
 from bicycle_env.analysis.transfer_functions import INPUTS, transfer_function
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.validation import checked_speed
-from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.physics.validation import RANGES, checked_speed
+from bicycle_env.physics.vehicle import UnitWarning, Vehicle
 from bicycle_env.plots import style
 from bicycle_env.plots.style import BLACK, BLUE, GREY, RED, dress
 
@@ -90,13 +91,20 @@ def stability_map(vehicle: str | Vehicle, speed: float) -> Any:
     total = vehicle.front_cornering_stiffness + vehicle.rear_cornering_stiffness
     length = vehicle.wheelbase
 
+    def changed(quantity: str, **values: float) -> Vehicle:
+        inside: dict[str, Any] = {
+            name: min(max(value, RANGES[quantity][0]), RANGES[quantity][1]) for name, value in values.items()
+        }
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UnitWarning)  # what the tires of the others are is no mistake of the user's
+            return dataclasses.replace(vehicle, **inside)
+
     def with_cg(share: float) -> Vehicle:
-        return dataclasses.replace(vehicle, cg_to_front=share * length, cg_to_rear=(1.0 - share) * length)
+        return changed("length", cg_to_front=share * length, cg_to_rear=(1.0 - share) * length)
 
     def with_rear(share: float) -> Vehicle:
-        return dataclasses.replace(
-            vehicle, front_cornering_stiffness=(1.0 - share) * total, rear_cornering_stiffness=share * total
-        )
+        front, rear = (1.0 - share) * total, share * total
+        return changed("cornering_stiffness", front_cornering_stiffness=front, rear_cornering_stiffness=rear)
 
     cg, rear = vehicle.cg_to_front / length, vehicle.rear_cornering_stiffness / total
     figure = style.new_figure(12, 5.2, "Stability of straight running")

@@ -79,11 +79,12 @@ def _balance(study: Study) -> tuple[Quantity, ...]:
         ),
         Quantity(
             "static_margin",
-            "static margin (negative: understeer)",
+            "static margin (negative: understeer; SAE J670: positive)",
             analysis.static_margin(car),
             "of the wheelbase",
             "derived",
-            "how far the neutral steer point lies ahead of the centre of mass; negative: behind it, understeer",
+            "how far the neutral steer point lies ahead of the centre of mass; negative: behind it, understeer; "
+            "SAE J670 gives it the opposite sign",
         ),
         Quantity(
             "critical_speed",

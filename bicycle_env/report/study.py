@@ -21,7 +21,7 @@ from bicycle_env.physics.vehicle import Vehicle
 
 FASTEST_DEFAULT = 100.0
 """m/s: where the environments' default would be beyond it, the report takes DEFAULT_SPEED."""
-SPEEDS = (3.0, 150.0)  # m/s: what a report is made for
+SPEEDS = (0.1, 150.0)  # m/s: what a report is made for
 STEER_LIMITS = (0.1, 0.05)  # rad, front and rear
 BOX = (0.4, 1.0)  # |sideslip| [rad], |yaw rate| [rad/s]: whose share is given
 LQR_SIZES = (0.05, 0.1)

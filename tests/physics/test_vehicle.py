@@ -12,6 +12,7 @@ import bicycle_env
 from bicycle_env import Vehicle, analysis
 from bicycle_env.physics import presets
 from bicycle_env.physics.presets import resolve_vehicle
+from bicycle_env.physics.vehicle import UnitWarning
 
 GIVEN = {
     "mass": 1500.0,
@@ -56,6 +57,41 @@ def test_the_message_shows_the_bad_value():
 def test_labels_must_be_text(label):
     with pytest.raises(TypeError, match=rf"^{label} must be a string, got 3"):
         Vehicle(**GIVEN, **{label: 3})
+
+
+@pytest.mark.parametrize(
+    ("wrong", "axle"),
+    [
+        ({"front_cornering_stiffness": 100e3 * math.pi / 180.0}, "front"),  # N/deg
+        ({"rear_cornering_stiffness": 80.0}, "rear"),  # kN/rad
+        ({"mass": 1.5}, "front"),  # t
+        ({"cg_to_front": 0.0012}, "rear"),  # mm: its axle would carry hardly anything
+    ],
+)
+def test_numbers_that_look_like_another_unit_are_remarked_on(wrong, axle):
+    with pytest.warns(UnitWarning, match=rf"^{axle}_cornering_stiffness = .*N/deg or kN.*tonnes.*mm\?") as caught:
+        car = Vehicle(**(GIVEN | wrong))
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
+    assert getattr(car, next(iter(wrong))) == next(iter(wrong.values()))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("coefficient", [3.001, 59.99])
+def test_usual_numbers_are_not_remarked_on(coefficient):
+    car = Vehicle(**GIVEN)
+    dataclasses.replace(car, front_cornering_stiffness=coefficient * car.front_axle_load)
+    for name in bicycle_env.vehicles:
+        dataclasses.replace(bicycle_env.vehicles[name])
+    scale = Vehicle(
+        mass=3.0,
+        yaw_inertia=0.05,
+        cg_to_front=0.15,
+        cg_to_rear=0.15,
+        front_cornering_stiffness=150.0,
+        rear_cornering_stiffness=150.0,
+    )
+    assert scale.wheelbase == 0.3
 
 
 def test_the_name_is_a_label():

@@ -156,10 +156,10 @@ def test_speed_of_other_cars():
     ("keywords", "text"),
     [
         ({"vehicle": "overster"}, "did you mean 'oversteer'"),
-        ({"vehicle": "oversteer", "speed": 1.0}, r"speed must be a finite number in \[3, 150\], got 1.0"),
+        ({"vehicle": "oversteer", "speed": 0.05}, r"speed must be a finite number in \[0.1, 150\], got 0.05"),
         ({"vehicle": "oversteer", "speed": math.nan}, "speed must be"),
         ({"vehicle": "oversteer", "speed": 30.0, "speed_ratio": 1.0}, "not both"),
-        ({"vehicle": "oversteer", "speed_ratio": 5.0}, r"speed_ratio x critical speed must be .* \[3, 150\]"),
+        ({"vehicle": "oversteer", "speed_ratio": 5.0}, r"speed_ratio x critical speed must be .* \[0.1, 150\]"),
         ({"vehicle": "oversteer", "speed_ratio": -1.0}, "speed_ratio must be"),
         ({"vehicle": "civic", "speed_ratio": 1.2}, "no critical speed; give speed in m/s"),
         ({"vehicle": "civic", "tire": "fila"}, "did you mean 'fiala'"),
