@@ -113,7 +113,7 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     | preview_spacing | `0.1` | s between preview entries |
 
     `reset(options={"state": {...}, "direction": "left", "change_start": 1.0})`: the state as in BicycleStab-v0, the
-    direction and the start of the change [s] for this episode only.
+    direction and the start of the change [s] for this episode only; of many cars, one value or one for each.
 
     ## Version history
 

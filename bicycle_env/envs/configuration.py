@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ClosedEnvironmentError
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuous_model, rk4_map
@@ -134,6 +135,8 @@ class Configured:
     """(entries,)"""
     observation_mirror: NDArray[np.float64]
     """(entries,): +1 or -1, what each entry is multiplied by in the mirror image."""
+    closed: bool = False
+    """After close() only what is can be asked, such as ``state``; nothing can be done any more."""
 
     def _adopt(self, configuration: Configuration) -> None:
         self.configuration = configuration
@@ -142,6 +145,10 @@ class Configured:
         self.observation_names = tuple(entry.name for entry in configuration.observation_entries)
         self.observation_scale = configuration.observation_scale
         self.observation_mirror = np.full(len(self.observation_names), -1.0)
+
+    def _refuse_if_closed(self, asked: str) -> None:
+        if self.closed:
+            raise ClosedEnvironmentError(f"{asked} after close(): make a new environment")
 
     @property
     def stability(self) -> Stability:

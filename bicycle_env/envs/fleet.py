@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import LinearModel
 from bicycle_env.analysis.stability import Stability
+from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure, resolve_speed
 from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names
 from bicycle_env.physics.presets import resolve_vehicle
@@ -56,12 +57,12 @@ def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> F
     """
     given = {name: value for name, value in keywords.items() if name in PER_CAR}
     shared = {name: value for name, value in keywords.items() if name not in PER_CAR}
-    if not any(_is_sequence(value) for value in given.values()):
+    if not any(is_sequence(value) for value in given.values()):
         one = configure(task, **keywords)
         return Fleet(one, False, one.vehicle, one.speed, one.friction, one.car, one.settings, one.observation_scale)
 
     vehicles = _vehicles(given["vehicle"], num_envs)
-    columns = {name: _column(name, given[name], num_envs) for name in NUMBERS if _is_sequence(given[name])}
+    columns = {name: number_column(name, given[name], num_envs) for name in NUMBERS if is_sequence(given[name])}
 
     def configuration_of(row: int) -> Configuration:
         numbers = {name: columns[name][row] if name in columns else given[name] for name in NUMBERS}
@@ -168,24 +169,23 @@ class ConfiguredFleet(Configured):
             raise ValueError(f"the cars of this environment differ: ask {instead} for one of them")
 
 
-def _is_sequence(value: object) -> bool:
+def is_sequence(value: object) -> bool:
+    """Whether a value is one per car."""
     return isinstance(value, (list, tuple)) or getattr(value, "ndim", 0) > 0
 
 
 def _vehicles(value: Any, num_envs: int) -> list[Vehicle]:
-    if not _is_sequence(value):
+    if not is_sequence(value):
         return [resolve_vehicle(value)] * num_envs
     if len(value) != num_envs:
         raise ValueError(f"vehicle must be one vehicle or num_envs = {num_envs} of them, got {len(value)}")
     return [resolve_vehicle(vehicle) for vehicle in value]
 
 
-def _column(name: str, value: Any, num_envs: int) -> Column:
-    try:
-        values = np.asarray(value)
-    except ValueError:
-        values = np.empty(0, dtype=object)
-    if values.dtype.kind not in "fiu":
+def number_column(name: str, value: Any, num_envs: int) -> Column:
+    """(num_envs,): one number per car; TypeError or ValueError for anything else."""
+    values = real_array(value)
+    if values is None:
         raise TypeError(f"{name} must be one number or num_envs = {num_envs} of them, got {value!r}")
     if values.shape != (num_envs,):
         raise ValueError(f"{name} must be one number or num_envs = {num_envs} of them, got shape {values.shape}")

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.envs.blocks import KEPT, Kind, layout, shared_numbers
-from bicycle_env.envs.fleet import Fleet
+from bicycle_env.envs.fleet import Fleet, is_sequence, number_column
 from bicycle_env.physics.single_track import CarState
-from bicycle_env.tasks.task import Task, checked_state
+from bicycle_env.tasks.task import Allowed, Task, allowed_number, checked_state
 
 Column = NDArray[np.float64]
 
@@ -114,7 +114,11 @@ def checked_start(task: Task, options: Any, fleet: Fleet, num_envs: int, dtype: 
     if "state" in given:
         changes |= _checked_states(given["state"], fleet, num_envs, dtype)
     unset = task.Route(*([math.nan] * len(task.Route._fields)))
-    route = task.route_with(unset, given, fleet.car.speed)
+
+    def read(name: str, value: Any, allowed: Allowed) -> Any:
+        return allowed_column(name, value, allowed, num_envs)
+
+    route = task.route_with(unset, task.option_numbers(given, read), fleet.car.speed)
     return changes | {name: value for name, value in route._asdict().items() if not np.any(np.isnan(value))}
 
 
@@ -127,18 +131,23 @@ def _checked_states(given: Any, fleet: Fleet, num_envs: int, dtype: str) -> dict
         return checked_state(given, front, rear)
     columns: dict[str, Column] = {}
     for name, value in given.items():
-        if not isinstance(value, (list, tuple)) and np.ndim(value) == 0:
-            continue
-        label = f"options['state'][{name!r}] must be a number or num_envs = {num_envs} of them"
-        try:
-            column = np.asarray(value)
-        except ValueError:  # lists of different lengths
-            column = np.asarray(None)
-        if column.dtype.kind not in "fiu":
-            raise TypeError(f"{label}, got {value!r}")
-        if column.shape != (num_envs,):
-            raise ValueError(f"{label}, got shape {column.shape}")
-        columns[name] = column.astype(np.float64)
+        if is_sequence(value):
+            columns[name] = number_column(f"options['state'][{name!r}]", value, num_envs)
     checked_state({**given, **{name: np.min(column) for name, column in columns.items()}}, front, rear)
     values = checked_state({**given, **{name: np.max(column) for name, column in columns.items()}}, front, rear)
     return {**values, **columns}
+
+
+def allowed_column(name: str, value: Any, allowed: Allowed, num_envs: int) -> float | Column:
+    """As ``allowed_number``, or (num_envs,) of them for so many words or numbers."""
+    if not is_sequence(value):
+        return allowed_number(name, value, allowed)
+    if isinstance(allowed, Mapping):
+        words = list(value)
+        if len(words) != num_envs:
+            raise ValueError(f"{name} must be one word or num_envs = {num_envs} of them, got {len(words)}")
+        return np.array([allowed_number(f"{name}[{row}]", word, allowed) for row, word in enumerate(words)])
+    column = number_column(name, value, num_envs)
+    for end in (np.min(column), np.max(column)):
+        allowed_number(name, end, allowed)
+    return column

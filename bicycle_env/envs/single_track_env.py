@@ -12,6 +12,7 @@ from gymnasium import logger, spaces
 from numpy.typing import NDArray
 
 from bicycle_env.envs import kernels
+from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configured, configure
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.physics import tires
@@ -104,7 +105,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     def _bind(self) -> None:
         self._kernels = kernels.kernels(self.task_class, self.tire, self.geometry, self.reward)
-        self._step = self._kernels.step
+        self._step = self._step_after_close if self.closed else self._kernels.step
 
     @property
     def _episode(self) -> NDArray[np.float64]:
@@ -124,11 +125,13 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
         Raises:
             ValueError, TypeError: an unknown option or state name, a value that is not finite or out of range.
+            gymnasium.error.ClosedEnvironmentError: after close().
         """
+        self._refuse_if_closed("reset()")
         given = self.task.check_options(options)
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
         state = checked_state(given["state"], *limits) if "state" in given else None
-        self.task.route_with(self.task.Route(*([0.0] * len(self.task.Route._fields))), given, self.speed)
+        changes = self.task.option_numbers(given)
         super().reset(seed=seed)
         observation = np.empty(self._observation_size, np.float32)
         cost = self._kernels.start(self._memory, observation, self.np_random.random(self.task.uniforms))
@@ -136,7 +139,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             if state is not None:
                 self._episode[: kernels.STEPS] = [state[name] for name in self.task.State._fields[: kernels.STEPS]]
             route = self.task.Route(*self._episode[kernels.MEMORY :])
-            self._episode[kernels.MEMORY :] = self.task.route_with(route, given, self.speed)
+            self._episode[kernels.MEMORY :] = self.task.route_with(route, changes, self.speed)
             cost = self._kernels.look(self._memory, observation)
         self._end_code = 0
         self._warned = False
@@ -152,6 +155,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         Raises:
             ValueError, TypeError: an action of the wrong shape or type, or not finite; nothing has changed then.
             gymnasium.error.ResetNeeded: there was no reset.
+            gymnasium.error.ClosedEnvironmentError: after close().
         """
         if self._end_code != 0:
             return self._after_the_end()
@@ -175,6 +179,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         if self.render_mode is None:
             logger.warn("render() needs render_mode='rgb_array' or 'human' in gym.make")
             return None
+        self._refuse_if_closed("render()")
         if self._end_code == kernels.BAD_ACTION:
             raise gym.error.ResetNeeded("call reset() before render()")
         if self._viewer is None:
@@ -184,10 +189,12 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         return self._viewer.draw()
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if there is one; then only what is, such as ``state``, can be asked."""
         if self._viewer is not None:
             self._viewer.close()
             self._viewer = None
+        self.closed = True
+        self._step = self._step_after_close  # so that a step need not ask
 
     # What else a user may ask
 
@@ -238,7 +245,11 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             info["is_success"] = self.is_success
         return info
 
+    def _step_after_close(self, *_: Any) -> Any:
+        self._refuse_if_closed("step()")
+
     def _after_the_end(self) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        self._refuse_if_closed("step()")
         if self._end_code == kernels.BAD_ACTION:
             raise gym.error.ResetNeeded("call reset() before step()")
         if not self._warned:
@@ -260,12 +271,9 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
 def converted_action(action: Any, shape: tuple[int, ...], steer: str, dtype: Any = np.float32) -> NDArray[Any]:
     """A real array of the shape, of a float type; finite values are clipped, others stay. TypeError, ValueError."""
-    try:
-        converted = np.asarray(action)
-    except ValueError:
-        converted = np.asarray(None)
-    if converted.dtype.kind not in "fiu":
-        raise TypeError(f"action must be real numbers in [-1, 1] of shape {shape}, got {action!r}")
+    converted = real_array(action)
+    if converted is None:
+        raise TypeError(f"action must be real numbers in [-1, 1] of shape {shape}, without gradients, got {action!r}")
     if converted.shape != shape:
         raise ValueError(f"action must have shape {shape} (steer={steer!r}), got shape {converted.shape}: {action!r}")
     converted = converted.astype(np.float64)

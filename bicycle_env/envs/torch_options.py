@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from bicycle_env.envs.rows import allowed_column
 from bicycle_env.envs.torch_kernels import Tensor
 from bicycle_env.physics.validation import number
-from bicycle_env.tasks.task import checked_state
+from bicycle_env.tasks.task import Allowed, checked_state
 
 
 class TorchOptions:
@@ -37,21 +39,27 @@ class TorchOptions:
         values = checked_state(given, self._front_limit, self._rear_limit, label)
         return {name: columns[name] if name in columns else self.filled(value) for name, value in values.items()}
 
-    def numbers(self, name: str, value: Any, low: float) -> Tensor:
-        """Finite numbers >= low."""
+    def numbers(self, name: str, value: Any, low: float, high: float = math.inf) -> Tensor:
+        """Finite numbers in [low, high]."""
         column = self._column(name, value)
         if column is None:
-            return self.filled(number(name, value, low))
+            return self.filled(number(name, value, low, high))
         for end in (column.detach().min(), column.detach().max()):
-            number(name, float(end), low)
+            number(name, float(end), low, high)
         return column
+
+    def allowed(self, name: str, value: Any, allowed: Allowed) -> Tensor:
+        """Numbers in a range, or those that words stand for."""
+        if isinstance(allowed, Mapping):
+            return self.filled(allowed_column(name, value, allowed, self._num_envs))
+        return self.numbers(name, value, *allowed)
 
     def mask(self, value: Any) -> Tensor:
         """Booleans, one per car."""
         column = self._tensor(value)
         if column is None or column.dtype != self._torch.bool or column.shape != (self._num_envs,):
             raise ValueError(f"options['reset_mask'] must be num_envs = {self._num_envs} booleans, got {value!r}")
-        return column
+        return column.clone()  # gradients remember it
 
     def filled(self, value: Any) -> Tensor:
         """One value, num_envs times; a tensor (num_envs,) as it is."""
@@ -59,6 +67,8 @@ class TorchOptions:
 
     def _column(self, name: str, value: Any) -> Tensor | None:
         """A tensor of one number per car, or None where one value is given for all."""
+        if self._torch.is_tensor(value) and value.ndim == 0 and value.requires_grad:
+            value = value.expand(self._num_envs)  # the gradient is kept
         if not isinstance(value, (list, tuple)) and getattr(value, "ndim", 0) == 0:
             return None
         wanted = f"{name} must be one number or num_envs = {self._num_envs} of them"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -11,12 +10,14 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from bicycle_env.envs.fleet import PER_CAR, ConfiguredFleet, registered_fleet
+from bicycle_env.envs.fleet import ConfiguredFleet, registered_fleet
 from bicycle_env.envs.single_track_env import SingleTrackEnv
 from bicycle_env.envs.telemetry import telemetry as telemetry_of
+from bicycle_env.envs.torch_device import as_numbers, device_and_generator, import_torch, registered_spec, shortened
 from bicycle_env.envs.torch_kernels import Episodes, Tensor, chosen, mapped, torch_kernels
 from bicycle_env.envs.torch_options import TorchOptions
 from bicycle_env.physics.single_track import CarState
@@ -75,7 +76,10 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
     success.
 
     One generator, on the device, draws for all cars in every step: the same seed, num_envs, dtype and kind of device
-    give the same run, and no car's starts depend on what the others do.
+    give the same run, and no car's starts depend on what the others do. ``np_random_seed`` is what it was seeded with;
+    ``np_random`` is numpy's generator of the same seed, from which nothing is drawn here.
+
+    ``copy.deepcopy`` and pickle give an environment that goes on the same, without the gradients of its past.
 
     Raises:
         ImportError: torch is missing. ValueError, TypeError: a bad keyword. gymnasium.error.Error: an unknown id.
@@ -96,9 +100,9 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         compile: bool = False,
         **env_keywords: Any,
     ) -> None:
-        torch = _torch()
+        torch = import_torch()
         self.num_envs = whole("num_envs", num_envs)
-        self.spec = _spec(env_id)
+        self.spec = registered_spec(env_id)
         word = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         self.autoreset_mode = AUTORESET_MODES[choice("autoreset_mode", word, AUTORESET_MODES)]
         self.metadata = {**SingleTrackEnv.metadata, "render_modes": [], "autoreset_mode": self.autoreset_mode}
@@ -108,23 +112,26 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self.on_invalid = choice("on_invalid", on_invalid, ON_INVALID)
         self.telemetry = flag("telemetry", telemetry)
         self.dtype = getattr(torch, choice("dtype", str(dtype).removeprefix("torch."), DTYPES))
-        self.device, self._generator = _device_and_generator(torch, device)
-        for name in PER_CAR:
-            if torch.is_tensor(env_keywords.get(name)):
-                env_keywords[name] = env_keywords[name].detach().cpu().numpy()
+        self.device, self._generator = device_and_generator(torch, device)
+        self._np_random, self._np_random_seed = seeding.np_random(self._generator.seed())
+        env_keywords = {name: as_numbers(torch, name, value) for name, value in env_keywords.items()}
         self._adopt_fleet(registered_fleet(self.spec, self.num_envs, env_keywords))
         self.end_names = self.configuration.end_names
         bound = self.configuration.observation_bound
         self._action_shape = (self.num_envs, self.configuration.axles)
         self.single_observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         self.single_action_space = spaces.Box(-1.0, 1.0, self._action_shape[1:], np.float32)
-        self._torch = torch
+        self._compiled = flag("compile", compile)
+        self._episodes: Episodes | None = None
+        self._bind()
+
+    def _bind(self) -> None:
+        self._torch = torch = import_torch()
         step_limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
         tensors = (torch, self.fleet, self.num_envs, self.device, self.dtype)
-        self._kernels = torch_kernels(*tensors, step_limit, flag("compile", compile))
+        self._kernels = torch_kernels(*tensors, step_limit, self._compiled)
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
         self._options = TorchOptions(torch, self.num_envs, self.device, self.dtype, *limits)
-        self._episodes: Episodes | None = None
 
     @functools.cached_property
     def observation_space(self) -> spaces.Space[Any]:  # type: ignore[override]
@@ -145,15 +152,17 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
 
         Args:
             seed: makes this and all following episodes repeatable.
-            options: as of the single environment; values of ``state`` are one number or num_envs of them.
+            options: as of the single environment; each value, those of ``state`` too, is one or num_envs of them.
                 ``reset_mask``: bool (num_envs,), only these cars start anew. A start takes the same random numbers
                 with or without options.
 
         Raises:
             ValueError, TypeError: a bad seed or option; nothing has changed then.
             gymnasium.error.ResetNeeded: a ``reset_mask`` before the first reset.
+            gymnasium.error.ClosedEnvironmentError: after close().
         """
-        seed = None if seed is None else whole("seed", seed, 0, 2**63 - 1)
+        self._refuse_if_closed("reset()")
+        seed = None if seed is None else whole("seed", seed, 0, math.inf)
         if isinstance(options, Mapping) and "reset_mask" in options:
             kept = self._begun("reset(options={'reset_mask': ...})")
             mask = self._options.mask(options["reset_mask"])
@@ -164,10 +173,11 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             kept, mask = None, None
             given = self.task.check_options(options)
         values = self._options.state(given["state"], "options['state']") if "state" in given else {}
-        self.task.route_with(self.task.Route(*([0.0] * len(self.task.Route._fields))), given, 1.0)
+        changes = self.task.option_numbers(given, self._options.allowed)
         if seed is not None:
-            self._generator.manual_seed(seed)
-        fresh = self._with_route(self._with_state(self._kernels.start(self._uniforms()), values), given)
+            self._np_random, self._np_random_seed = seeding.np_random(seed)
+            self._generator.manual_seed(shortened(seed))
+        fresh = self._with_route(self._with_state(self._kernels.start(self._uniforms()), values), changes)
         if self.staggered_start and self._episodes is None and self.max_episode_steps is not None:
             steps = self._torch.arange(self.num_envs, device=self.device) * self.max_episode_steps // self.num_envs
             fresh = fresh._replace(memory=fresh.memory._replace(steps=steps.to(self.dtype)))
@@ -186,7 +196,9 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         Raises:
             ValueError, TypeError: an action of the wrong shape, type or device; nothing has changed then.
             gymnasium.error.ResetNeeded: there was no reset.
+            gymnasium.error.ClosedEnvironmentError: after close().
         """
+        self._refuse_if_closed("step()")
         before = self._begun("step()")
         action = self._checked_action(action, before)
         after, reward = self._kernels.step(before, action)
@@ -319,8 +331,8 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         commands = {name: value for name, value in values.items() if name not in CarState._fields}
         return episodes._replace(state=episodes.state._replace(**state), memory=episodes.memory._replace(**commands))
 
-    def _with_route(self, episodes: Episodes, options: Mapping[str, Any]) -> Episodes:
-        route = self.task.route_with(episodes.memory.route, options, self._kernels.car.speed)
+    def _with_route(self, episodes: Episodes, numbers: Mapping[str, Any]) -> Episodes:
+        route = self.task.route_with(episodes.memory.route, numbers, self._kernels.car.speed)
         route = mapped(self._options.filled, route)
         return episodes._replace(memory=episodes.memory._replace(route=route))
 
@@ -343,30 +355,17 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
                 )
         return action
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Functions and modules do not pickle: they are bound anew. The generator is known by its state.
+        left = ("_torch", "_kernels", "_options", "_generator")
+        kept = {name: value for name, value in self.__dict__.items() if name not in left}
+        if self._episodes is not None:
+            kept["_episodes"] = mapped(lambda value: value.detach(), self._episodes)
+        return {**kept, "generator": self._generator.get_state()}
 
-def _torch() -> Any:
-    try:
-        import torch
-    except ImportError as error:
-        raise ImportError('TorchVectorEnv needs torch: pip install "bicycle-env[agents]"', name="torch") from error
-    return torch
-
-
-def _spec(env_id: object) -> Any:
-    """The registered row; "module:id" imports the module first, as gym.make does."""
-    if not isinstance(env_id, str):
-        raise TypeError(f"env_id must be the id of a registered environment, got {env_id!r}")
-    module, _, name = env_id.rpartition(":")
-    if module:
-        importlib.import_module(module)
-    return gym.spec(name)
-
-
-def _device_and_generator(torch: Any, device: Any) -> tuple[Any, Any]:
-    try:
-        place = torch.empty(0, device=device).device  # "cuda" becomes "cuda:0"
-        generator = torch.Generator(device=place)
-    except (AssertionError, RuntimeError, TypeError) as error:
-        raise ValueError(f"device must be one that torch can use here, got {device!r}: {error}") from error
-    generator.seed()
-    return place, generator
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        generator = state.pop("generator")
+        self.__dict__.update(state)
+        self._bind()
+        self._generator = self._torch.Generator(device=self.device)
+        self._generator.set_state(generator)

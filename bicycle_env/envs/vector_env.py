@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import inspect
-import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from bicycle_env.envs import block_kernels, blocks
-from bicycle_env.envs.draws import addresses
 from bicycle_env.envs.fleet import ONE_CAR, ConfiguredFleet, fleet_of
+from bicycle_env.envs.generators import Generators, checked_seeds
 from bicycle_env.envs.rows import Rows, checked_mask, checked_start
 from bicycle_env.envs.single_track_env import FLOAT32, SingleTrackEnv, converted_action, keyword_names
 from bicycle_env.envs.telemetry import MEASURED, telemetry
+from bicycle_env.envs.threads import Threads
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.validation import choice, flag, known_keys, whole
 from bicycle_env.tasks.ends import INVALID_ACTION
@@ -30,10 +28,6 @@ from bicycle_env.tasks.rewards import failure_cost
 
 BOOL, INT8 = np.dtype(np.bool_), np.dtype(np.int8)
 MODES = {mode.value: mode for mode in AutoresetMode}
-FEWEST_PER_THREAD = 512
-"""Rows below which another thread costs more than it brings."""
-PARTS_PER_THREAD = 8
-"""Threads take parts until none is left: one that the machine holds up leaves more to the others."""
 MOST_THREADS = 1024
 MOST_STEPS = {"float64": 10**9, "float32": 2**24}
 """float32 counts no further."""
@@ -132,22 +126,15 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._started = False
         self._plain = self.autoreset_mode is not AutoresetMode.SAME_STEP and not self.telemetry
         self._restarts = self.autoreset_mode is AutoresetMode.NEXT_STEP
-        self._generators: list[np.random.Generator] = []
-        self._addresses = np.zeros(0, dtype=np.uint64)
+        self._generators = Generators(self.num_envs)
         self._bind()
 
     def _bind(self) -> None:
         self._kernels = block_kernels.kernels(self._kind, self.tire, self.geometry, self.reward)
         self._step = self._kernels.step
         self._numbers, self._blocks = self._rows.numbers, self._rows.blocks
-        most = max(1, self.num_envs // FEWEST_PER_THREAD)
-        count = min(self.threads, most, self._blocks)
-        parts = 1 if count == 1 else min(PARTS_PER_THREAD * count, most, self._blocks)
-        edges = np.linspace(0, self._blocks, parts + 1).astype(int).tolist()
-        self._parts = list(itertools.pairwise(edges))
-        self._helpers = count - 1
-        self._pool: Any = ThreadPoolExecutor(self._helpers) if self._helpers else None
-        self._run = self._run_shared if self._helpers else self._step
+        self._threads = Threads(self.threads, self.num_envs, self._blocks)
+        self._run = self._run_shared if self._threads.helpers else self._step
 
     # Gymnasium's interface
 
@@ -159,23 +146,26 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         Args:
             seed: row i gets ``seed + i``; or one seed (or None) for each row.
             options: ``reset_mask`` (num_envs,) of bool: only these rows, the others go on; ``state``: a mapping of
-                state names to numbers or (num_envs,) arrays, names not given being 0; the task's own options.
+                state names to numbers or (num_envs,) arrays, names not given being 0; the task's own options, one
+                value or num_envs of them.
 
         Returns:
             Observations of all rows (num_envs, entries) and info.
 
         Raises:
             ValueError, TypeError: a bad seed or option, before anything changes.
+            gymnasium.error.ClosedEnvironmentError: after close().
         """
+        self._refuse_if_closed("reset()")
         given = dict(options) if isinstance(options, Mapping) else options
         masked = given.pop("reset_mask", None) if isinstance(given, dict) else None
         mask = checked_mask(masked, self.num_envs)
         changes = checked_start(self.task, given, self.fleet, self.num_envs, self.dtype)
-        seeds = _seeds(seed, self.num_envs)
+        seeds = checked_seeds(seed, self.num_envs)
         if not self._started and not np.all(mask):
             raise gym.error.ResetNeeded("the first reset() must start all rows: it takes no reset_mask")
-        self._seed(seeds, mask)
-        self._kernels.start(self._numbers, mask, self._addresses)
+        self._generators.seed(seeds, mask)
+        self._kernels.start(self._numbers, mask, self._generators.addresses)
         if changes:
             self._rows.put(changes, mask)
         if self.staggered_start and masked is None and self.max_episode_steps is not None:
@@ -199,8 +189,10 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             ValueError, TypeError: actions of another shape or type, or not finite with on_invalid="raise"; nothing
                 has changed then.
             gymnasium.error.ResetNeeded: there was no reset.
+            gymnasium.error.ClosedEnvironmentError: after close().
         """
-        if not self._started:
+        if not self._started:  # nor is it after close()
+            self._refuse_if_closed("step()")
             raise gym.error.ResetNeeded("call reset() before step()")
         if (
             type(actions) is not np.ndarray
@@ -210,7 +202,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         ):
             actions = converted_action(actions, self._action_shape, self.steer)
         results = self._new_results()
-        ended = self._run(self._numbers, actions, self._addresses, *results, self._restarts, 0, self._blocks)
+        ended = self._run(self._numbers, actions, self._generators.addresses, *results, self._restarts, 0, self._blocks)
         if ended < 0:
             ended = self._run_without(~np.all(np.isfinite(actions), axis=1), actions, results)
         observation, values, flags, end = results
@@ -224,10 +216,9 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         return observation, values[0], flags[0], flags[1], {**self._info(end, values[1]), **more}
 
     def close_extras(self, **_: Any) -> None:
-        """Stop the threads."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool, self._run = None, self._step
+        """Stop the threads; then only what is, such as ``state``, can be asked."""
+        self._threads.stop()
+        self._started = False
 
     # What else a user may ask
 
@@ -241,10 +232,15 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         """(num_envs,): running, and settled for the last second; at a time-out, a success."""
         return np.asarray(self._settled & (self._rows.column("end") == 0))
 
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generator of each row, as SyncVectorEnv gives them."""
+        return self._generators.each()
+
     @property
-    def np_random_generators(self) -> tuple[np.random.Generator, ...]:
-        """The generator of each row."""
-        return tuple(self._generators)
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each row: what ``reset`` last gave it, or a random one."""
+        return self._generators.seeds()
 
     def measure(self) -> dict[str, NDArray[np.float64]]:
         """Slip angles, forces, accelerations and the reference in the present states, (num_envs,) each."""
@@ -255,9 +251,9 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     def snapshot(self) -> VectorSnapshot:
         """The whole state of all rows, random generators included; ResetNeeded before the first reset."""
         if not self._started:
+            self._refuse_if_closed("snapshot()")
             raise gym.error.ResetNeeded("call reset() before snapshot()")
-        states = tuple(generator.bit_generator.state for generator in self._generators)
-        return VectorSnapshot(self._rows.episodes.copy(), states)
+        return VectorSnapshot(self._rows.episodes.copy(), self._generators.states())
 
     def restore(self, snapshot: VectorSnapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observations there."""
@@ -269,10 +265,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
                 f"snapshot must come from an equal environment: this one has {self.num_envs} cars of {mine.shape[1]} "
                 f"numbers, {mine.dtype}; the snapshot {len(snapshot.generators)} of {theirs.shape[1]}, {theirs.dtype}"
             )
-        if len(self._generators) != len(snapshot.generators):
-            self._seed([None] * self.num_envs, np.ones(self.num_envs, dtype=np.bool_))
-        for generator, state in zip(self._generators, snapshot.generators, strict=True):
-            generator.bit_generator.state = state
+        self._refuse_if_closed("restore()")
+        self._generators.restore(snapshot.generators)
         self._rows.episodes[:] = snapshot.rows
         self._started = True
         results = self._new_results()
@@ -301,14 +295,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         finite = np.isfinite(actions)
         if not np.all(finite) and np.any(~np.all(finite, axis=1) & ~self._over):  # before any thread changes anything
             return block_kernels.BAD_ACTION
-        parts = iter(self._parts)
-        others = [self._pool.submit(self._take, parts, arguments) for _ in range(self._helpers)]
-        ended: int = self._take(parts, arguments) + sum(other.result() for other in others)
-        return ended
-
-    def _take(self, parts: Iterator[tuple[int, int]], arguments: tuple[Any, ...]) -> int:
-        """Step the blocks of one part after the other, as long as there are any."""
-        return sum(self._step(*arguments, first, last) for first, last in parts)
+        return self._threads.sum(self._step, arguments)
 
     def _run_without(self, bad: Any, actions: Any, results: tuple[Any, Any, Any, Any]) -> int:
         """A step of which some rows' actions are not finite: refused, or the end of those rows' episodes."""
@@ -318,7 +305,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             raise ValueError(f"actions must be finite, nominally in [-1, 1]; row {row} has {actions[row]}")
         spoiled = self._rows.copy_of(bad)
         finite = np.where(np.isfinite(actions), actions, FLOAT32.type(0.0))
-        self._run(self._numbers, finite, self._addresses, *results, self._restarts, 0, self._blocks)
+        self._run(self._numbers, finite, self._generators.addresses, *results, self._restarts, 0, self._blocks)
         observation, values, flags, end = results
         self._rows.put_back(spoiled, bad)
         self._rows.put({"end": INVALID_ACTION}, bad)
@@ -331,7 +318,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         """Start the rows that have ended, in the same step; their last observation and info."""
         final_info = self._info(end.copy(), values[1].copy(), over)
         final = {"final_obs": observation.copy(), "_final_obs": over, "final_info": final_info}
-        self._kernels.start(self._numbers, over, self._addresses)
+        self._kernels.start(self._numbers, over, self._generators.addresses)
         self._kernels.look(self._numbers, over, observation, values)
         end[over] = 0
         return {**final, "_final_info": over.copy()}
@@ -363,32 +350,11 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         cost = failure_cost(NUMPY)(steps, self.fleet.car, self.rules)
         return -np.broadcast_to(cost, self.num_envs)[rows]
 
-    def _seed(self, seeds: list[int | None], mask: NDArray[np.bool_]) -> None:
-        if not self._generators:
-            self._generators = [seeding.np_random(seed)[0] for seed in seeds]
-        elif any(seed is not None for seed in seeds):
-            for row in np.flatnonzero(mask):
-                if seeds[row] is not None:
-                    self._generators[row] = seeding.np_random(seeds[row])[0]
-        else:
-            return
-        self._addresses = addresses(self._generators)
-
     def __getstate__(self) -> dict[str, Any]:
-        # Compiled functions, threads and addresses stay in their process: all are made anew.
-        left = ("_kernels", "_step", "_run", "_pool", "_helpers", "_parts", "_addresses", "_numbers", "_blocks")
+        # Compiled functions and threads stay in their process: all are made anew.
+        left = ("_kernels", "_step", "_run", "_threads", "_numbers", "_blocks")
         return {name: value for name, value in self.__dict__.items() if name not in left}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._bind()
-        self._addresses = addresses(self._generators)
-
-
-def _seeds(seed: Any, num_envs: int) -> list[int | None]:
-    if seed is None or np.ndim(seed) == 0:
-        first = None if seed is None else whole("seed", seed, 0, 2**63)
-        return [None if first is None else first + row for row in range(num_envs)]
-    if not isinstance(seed, (Sequence, np.ndarray)) or len(seed) != num_envs:
-        raise ValueError(f"seed must be None, a whole number, or num_envs = {num_envs} of them, got {seed!r}")
-    return [None if one is None else whole(f"seed[{row}]", one, 0, 2**63) for row, one in enumerate(seed)]

@@ -81,12 +81,13 @@ def checked_speed(value: object, name: str = "speed") -> float:
     return in_range(name, value, "speed")
 
 
-def whole(name: str, value: object, low: int = 1, high: int = 10**9) -> int:
-    """A whole number in [low, high]."""
+def whole(name: str, value: object, low: int = 1, high: float = 10**9) -> int:
+    """A whole number in [low, high]; `high` may be infinite."""
+    allowed = f"a whole number >= {low}" if high == math.inf else f"a whole number in [{low}, {high}]"
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
-        raise TypeError(f"{name} must be a whole number in [{low}, {high}], got {value!r}")
+        raise TypeError(f"{name} must be {allowed}, got {value!r}")
     if not low <= int(value) <= high:
-        raise ValueError(f"{name} must be a whole number in [{low}, {high}], got {str(value)[:30]}")
+        raise ValueError(f"{name} must be {allowed}, got {str(value)[:30]}")
     return int(value)
 
 

@@ -20,7 +20,8 @@ from bicycle_env.tasks.task import (
     observed_car,
 )
 
-DIRECTIONS = {"left": 1.0, "right": -1.0, "random": 0.0}
+SIDES = {"left": 1.0, "right": -1.0}
+DIRECTIONS = {**SIDES, "random": 0.0}
 LATEST_START = 100.0  # s
 DURATION = 1.5  # s
 PREVIEW_POINTS_LIMIT = 500
@@ -80,7 +81,7 @@ class LaneChange(Task):
     State = LaneChangeState
     uniforms = 4
     left_name = "left_road"
-    options = ("direction", "change_start")
+    options = {"direction": SIDES, "change_start": (0.0, LATEST_START)}  # noqa: RUF012 (a constant)
 
     def __init__(
         self,
@@ -93,7 +94,7 @@ class LaneChange(Task):
         preview_spacing: float = 0.1,
     ) -> None:
         self.direction = DIRECTIONS[choice("direction", direction, DIRECTIONS)]
-        self.change_start = None if change_start is None else _checked_start("change_start", change_start)
+        self.change_start = None if change_start is None else number("change_start", change_start, 0.0, LATEST_START)
         if duration is not None and length is not None:
             raise ValueError(f"give duration or length of the change, not both; got {duration!r} and {length!r}")
         self.duration = positive("duration", DURATION if duration is None else duration)
@@ -199,18 +200,12 @@ class LaneChange(Task):
             ),
         )
 
-    def route_with(self, route: Any, options: Mapping[str, Any], speed: float) -> Any:
-        if "direction" in options:
-            side = DIRECTIONS[choice("options['direction']", options["direction"], ("left", "right"))]
-            route = route._replace(direction=side)
-        if "change_start" in options:
-            begin = _checked_start("options['change_start']", options["change_start"])
-            route = route._replace(change_start=speed * begin)
+    def route_with(self, route: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
+        if "direction" in numbers:
+            route = route._replace(direction=numbers["direction"])
+        if "change_start" in numbers:
+            route = route._replace(change_start=speed * numbers["change_start"])
         return route
-
-
-def _checked_start(name: str, value: object) -> float:
-    return number(name, value, 0.0, LATEST_START)
 
 
 def quintic_path(xp: Any) -> Any:

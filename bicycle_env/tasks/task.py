@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from bicycle_env.physics.single_track import Car, CarState
-from bicycle_env.physics.validation import known_keys, number
+from bicycle_env.physics.validation import choice, known_keys, number
 
 
 class Memory(NamedTuple):
@@ -98,6 +98,8 @@ class Entry(NamedTuple):
 
 
 Law = Callable[..., Any]
+Allowed = Mapping[str, float] | tuple[float, float]
+"""What an option may be: one of some words, each of which stands for a number; or a number in a range."""
 
 SPUN = {"sideslip_limit": 0.8, "yaw_rate_limit": 2.0, "heading_limit": 1.2}
 """Limits of every task, rad and rad/s: beyond them nobody drives on."""
@@ -105,6 +107,11 @@ STRAIGHT = {"heading_tolerance": 0.02, "sideslip_tolerance": 0.02, "yaw_rate_tol
 """Tolerances of every task, rad and rad/s: within them the car runs straight."""
 SETTLED_SECONDS = 1.0
 """How long the car must have been settled when the time is over, for a success."""
+
+
+def allowed_number(name: str, value: Any, allowed: Allowed) -> float:
+    """The number that a word stands for, or a number in a range; ValueError or TypeError otherwise."""
+    return allowed[choice(name, value, allowed)] if isinstance(allowed, Mapping) else number(name, value, *allowed)
 
 
 class Task(abc.ABC):
@@ -122,7 +129,7 @@ class Task(abc.ABC):
     """How many uniform numbers in [0, 1) a start takes."""
     left_name: ClassVar[str]
     """The word in ``info["end"]`` for leaving the corridor."""
-    options: ClassVar[tuple[str, ...]] = ()
+    options: ClassVar[Mapping[str, Allowed]] = {}
     """Reset options of the task beside ``state``."""
 
     preview_times: tuple[float, ...] = ()
@@ -160,9 +167,22 @@ class Task(abc.ABC):
     def entries(self, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:
         """The observation, entry by entry."""
 
-    def route_with(self, route: Any, options: Mapping[str, Any], speed: float) -> Any:
-        """The route changed by the task's reset options; ValueError or TypeError if one is bad."""
+    def route_with(self, route: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
+        """The route changed by what :meth:`option_numbers` gives."""
         return route
+
+    def option_numbers(
+        self, options: Mapping[str, Any], read: Callable[[str, Any, Allowed], Any] = allowed_number
+    ) -> dict[str, Any]:
+        """The task's own options as numbers; ValueError or TypeError if one is bad.
+
+        `read(label, value, allowed)`: gives the number; that of an environment with many cars also takes columns.
+        """
+        return {
+            name: read(f"options[{name!r}]", options[name], allowed)
+            for name, allowed in self.options.items()
+            if name in options
+        }
 
     def check_options(self, options: object, more: tuple[str, ...] = ()) -> Mapping[str, Any]:
         """Refuse reset options that the task does not know; `more`: what else its environment takes."""

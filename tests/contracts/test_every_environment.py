@@ -13,6 +13,7 @@ from typing import NamedTuple
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 from gymnasium.utils.env_checker import check_env
 
 import bicycle_env
@@ -407,6 +408,8 @@ def bad_actions(axles):
         "complex": (np.zeros(axles, complex), TypeError),
         "None": (None, TypeError),
         "ragged": ([[0.1], [0.1, 0.2]], TypeError),
+        "a gradient": (torch.zeros(axles, requires_grad=True), TypeError),
+        "on another device": (torch.zeros(axles, device="meta"), TypeError),
     }
 
 

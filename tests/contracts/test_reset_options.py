@@ -63,6 +63,8 @@ BAD_LANE_CHANGE = [
 ]
 CASES = [(env_id, *case) for env_id in IDS for case in BAD_OPTIONS]
 CASES += [(LANE_CHANGE, *case) for case in BAD_LANE_CHANGE]
+CASES += [(LANE_CHANGE, {"direction": ["left", "right"]}, TypeError, "direction")]
+CASES += [(LANE_CHANGE, {"change_start": [0.5, 1.0]}, TypeError, "change_start")]
 CASES += [("BicycleStab-v0", {"direction": "left"}, ValueError, "unknown reset option 'direction'")]
 
 FORWARD = np.array([0.3, -0.2], np.float32)

@@ -110,6 +110,7 @@ BAD = {
     "object": (np.zeros((6, 2), object), TypeError, "real numbers"),
     "words": ([["0.1"] * 2] * 6, TypeError, "real numbers"),
     "None": (None, TypeError, "real numbers"),
+    "a gradient": (torch.zeros(6, 2, requires_grad=True), TypeError, "real numbers.*without gradients"),
 }
 
 

@@ -170,7 +170,7 @@ def test_a_row_that_has_ended_stays_where_it_is(env_id):
 @pytest.mark.parametrize("env_id", IDS)
 def test_a_mask_resets_its_rows_and_no_other(env_id):
     env, _, _, (observation, _, _, _, info) = held(env_id)
-    generators = [generator.bit_generator.state for generator in env.np_random_generators]
+    generators = [generator.bit_generator.state for generator in env.np_random]
     state = env.state
     mask = np.array([True, True, False, False, False, False])
     options = {"reset_mask": mask}
@@ -178,7 +178,7 @@ def test_a_mask_resets_its_rows_and_no_other(env_id):
     assert options == {"reset_mask": mask}, "the mask was taken out of the caller's options"
     assert mask.tolist() == [True, True, False, False, False, False]
     for row, is_new in enumerate(mask):
-        same_generator = env.np_random_generators[row].bit_generator.state == generators[row]
+        same_generator = env.np_random[row].bit_generator.state == generators[row]
         assert same_generator != is_new
         assert np.array_equal(fresh[row], observation[row]) != is_new
         assert (env.state.time[row] == 0.0) == is_new

@@ -2,6 +2,7 @@
 
 import base64
 import copy
+import multiprocessing
 import os
 import pickle
 import subprocess
@@ -195,6 +196,36 @@ def test_close_stops_the_threads_and_a_copy_has_its_own():
     assert set(threading.enumerate()) == before
     env.close()
     assert env.closed
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no forks here")
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+@pytest.mark.parametrize("end", ["step", "close"])
+def test_a_fork_has_threads_of_its_own(end):
+    """The threads stay in the parent: a child that waited for them would wait for ever."""
+    env, actions = driven(make(num_envs=BIG, threads=2))
+
+    def child(pipe):
+        if end == "step":
+            pipe.send(drive(env, actions[:3]))
+        env.close()
+        pipe.send("closed")
+
+    here, there = multiprocessing.Pipe()
+    process = multiprocessing.get_context("fork").Process(target=child, args=(there,))
+    process.start()
+    try:
+        answers = []
+        while len(answers) < (2 if end == "step" else 1):
+            assert here.poll(120), "the child hangs"
+            answers.append(here.recv())
+        process.join(120)
+        assert process.exitcode == 0
+    finally:
+        process.kill()
+    mine = drive(env, actions[:3])
+    assert answers == ([mine, "closed"] if end == "step" else ["closed"])
+    env.close()
 
 
 def test_few_rows_start_no_thread():

@@ -5,6 +5,7 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 from test_reset_options import BAD_LANE_CHANGE, BAD_OPTIONS
 from vector_cases import IDS, LANE_CHANGE, STAB, actions_for, drive, record
 
@@ -73,6 +74,18 @@ COLUMNS = [
     (state(yaw_rat=column(0.1)), ValueError, "unknown state name 'yaw_rat'; did you mean 'yaw_rate'"),
     (state(time=column(0.1)), ValueError, "unknown state name 'time'"),
 ]
+ROUTES = [
+    ({"direction": ["left"] * 5}, ValueError, r"direction'\] must be one word or num_envs = 6 of them, got 5"),
+    ({"direction": ["left"] * 5 + ["lefft"]}, ValueError, r"direction'\]\[5\] .*got 'lefft'; did you mean 'left'"),
+    ({"direction": ["left"] * 5 + ["random"]}, ValueError, r"direction'\]\[5\]"),
+    ({"direction": np.ones(6)}, TypeError, r"direction'\]\[0\] must be one of 'left', 'right'"),
+    ({"change_start": column(-0.1)}, ValueError, r"change_start.*\[0, 100\], got -0.1"),
+    ({"change_start": column(100.5)}, ValueError, r"change_start.*\[0, 100\], got 100.5"),
+    ({"change_start": column(math.nan)}, ValueError, "change_start.*got nan"),
+    ({"change_start": np.zeros(5)}, ValueError, r"change_start.*num_envs = 6 of them, got shape \(5,\)"),
+    ({"change_start": ["1"] * 6}, TypeError, "change_start.*num_envs = 6 of them"),
+]
+GRADIENT = torch.zeros(6, requires_grad=True)
 MASKS = [
     (np.zeros(6, bool), ValueError, "at least one True"),
     (np.ones(5, bool), ValueError, r"shape \(6,\)"),
@@ -85,7 +98,8 @@ MASKS = [
 CASES = [
     *((env_id, *case) for env_id in IDS for case in (*BOTH, *COLUMNS)),
     *((STAB, {"reset_mask": mask}, error, match) for mask, error, match in MASKS),
-    *((LANE_CHANGE, *case) for case in BAD_LANE_CHANGE),
+    *((LANE_CHANGE, *case) for case in (*BAD_LANE_CHANGE, *ROUTES)),
+    (STAB, state(yaw_rate=GRADIENT), TypeError, "yaw_rate.*num_envs = 6 of them, got tensor"),
     (STAB, {"reset_masks": np.ones(6, bool)}, ValueError, "unknown reset option 'reset_masks'"),
     (STAB, {"reset_mask": np.ones(6, bool), "stat": {}}, ValueError, "'stat'; did you mean 'state'"),
 ]
@@ -149,6 +163,48 @@ def test_the_change_of_lane_begins_at_each_cars_own_place():
     assert env.state.change_start.tolist() == [10.0, 15.0, 20.0] * 2
 
 
+SIDES = ["left", "right", "right", "left", "right", "left"]
+BEGINS = [0.0, 0.5, 1.0, 1.5, 2.0, 100.0]
+
+
+@pytest.mark.parametrize("speeds", [{}, {"speed": np.linspace(30.0, 40.0, NUMBER)}], ids=["alike", "different"])
+@pytest.mark.parametrize("kind", [list, tuple, np.array])
+def test_each_car_changes_to_its_own_side_at_its_own_time(kind, speeds):
+    env = make(LANE_CHANGE, **speeds)
+    observation, _ = env.reset(seed=4, options={"direction": kind(SIDES), "change_start": kind(BEGINS)})
+    for row, (side, begin) in enumerate(zip(SIDES, BEGINS, strict=True)):
+        alone = gym.make(LANE_CHANGE, **{name: values[row] for name, values in speeds.items()}).unwrapped
+        expected, _ = alone.reset(seed=4 + row, options={"direction": side, "change_start": begin})
+        assert observation[row].tobytes() == expected.tobytes()
+        assert tuple(values[row] for values in env.state) == alone.state
+
+
+def test_with_a_mask_only_its_rows_take_the_values():
+    env, twin = twins(LANE_CHANGE)
+    mask = np.array([True, False, False, True, True, False])
+    before = env.state
+    env.reset(options={"reset_mask": mask, "direction": SIDES, "change_start": BEGINS})
+    expected = np.where(mask, [1.0 if side == "left" else -1.0 for side in SIDES], before.direction)
+    assert env.state.direction.tolist() == expected.tolist()
+    assert np.array_equal(env.state.change_start, np.where(mask, np.multiply(BEGINS, env.speed), before.change_start))
+    kept = ~mask
+    for values, others in zip(env.state, twin.state, strict=True):
+        assert np.array_equal(values[kept], others[kept])
+
+
+def test_a_mask_may_be_a_view_and_stays_the_callers():
+    env, twin = twins()
+    wide = np.array([True, False] * NUMBER)
+    given = {"reset_mask": wide[::2]}
+    results = env.reset(seed=1, options=given)
+    assert given["reset_mask"].tolist() == wide[::2].tolist() == [True] * NUMBER
+    twin.reset(seed=1, options={"reset_mask": np.ones(NUMBER, bool)})
+    for value in (results[0], *results[1].values()):
+        assert not np.shares_memory(value, wide)
+    wide[:] = False
+    assert_still_twins(env, twin)
+
+
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_a_state_can_be_given_back(dtype):
     """Also a steer angle at its limit, which float32 rounds up."""
@@ -195,6 +251,7 @@ def test_the_limits_of_the_steer_angles_are_those_of_the_actuators():
         ({"render_mode": "rgb_array"}, ValueError, "render_mode must be None"),
         ({"friktion": 0.5}, TypeError, "unknown keyword 'friktion'; did you mean 'friction'"),
         ({"staggered": True}, TypeError, "unknown keyword 'staggered'; did you mean 'staggered_start'"),
+        ({"friction": GRADIENT}, TypeError, "friction must be one number or num_envs = 6 of them, got tensor"),
         ({"friction": [0.5] * 5}, ValueError, "friction must be one number or num_envs = 6 of them"),
         ({"friction": [0.5] * 5 + [-1.0]}, ValueError, "car 5: friction"),
         ({"speed": [30.0] * 6, "speed_ratio": 1.1}, ValueError, "speed or speed_ratio"),

@@ -57,6 +57,10 @@ def starts(env_id, seeds):
         (0, range(5)),
         (np.int64(40), range(40, 45)),
         (2**62, range(2**62, 2**62 + 5)),
+        (2**63 - 2, range(2**63 - 2, 2**63 + 3)),
+        (10**40, range(10**40, 10**40 + 5)),
+        ([2**64, 1, 2**63, 7**99, 0], [2**64, 1, 2**63, 7**99, 0]),
+        (np.uint64(2**63 + 9), range(2**63 + 9, 2**63 + 14)),
         ([9, 9, 1, 0, 2**40], [9, 9, 1, 0, 2**40]),
         (np.array([3, 1, 4, 1, 5]), [3, 1, 4, 1, 5]),
         ((7, 8, 9, 10, 11), range(7, 12)),
@@ -78,8 +82,44 @@ def test_a_row_without_a_seed_goes_on_with_its_generator(env_id):
         for actions in actions_for(env, 35):
             assert np.array_equal(env.step(actions)[0], sync.step(actions)[0])
         assert np.array_equal(env.reset(seed=seed)[0], sync.reset(seed=seed)[0])
-    for mine, theirs in zip(env.np_random_generators, sync.np_random, strict=True):
+    for mine, theirs in zip(env.np_random, sync.np_random, strict=True):
         assert mine.random() == theirs.random()
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_generators_and_seeds_are_told_as_gymnasium_tells_them(env_id):
+    env, sync = make(env_id), gym.make_vec(env_id, 5, "sync")
+    for seed in (8, 2**70, [5, None, None, 6, None], None):
+        for each in (env, sync):
+            each.reset(seed=seed)
+        assert type(env.np_random_seed) is type(env.np_random) is tuple
+        assert env.np_random_seed == sync.np_random_seed
+        assert [one.bit_generator.state for one in env.np_random] == [one.bit_generator.state for one in sync.np_random]
+
+
+def test_generators_and_seeds_are_there_before_the_first_reset():
+    env = make()
+    seeds = env.np_random_seed
+    assert len(set(seeds)) == 5
+    expected = [gym.make(STAB).reset(seed=seed)[0] for seed in seeds]
+    assert len(env.np_random) == 5
+    assert np.array_equal(env.reset()[0], expected)
+    assert env.np_random_seed == seeds
+
+
+def test_a_reset_of_some_rows_seeds_only_these():
+    env = make()
+    env.reset(seed=0)
+    env.reset(seed=100, options={"reset_mask": np.array([False, True, False, False, True])})
+    assert env.np_random_seed == (0, 101, 2, 3, 104)
+
+
+def test_no_two_rows_share_a_seed():
+    """Not after 2^8 rows, where a byte begins anew, nor in the rows of a last block that is not full."""
+    env = make(num_envs=1030)
+    observation, _ = env.reset(seed=3)
+    assert len({row.tobytes() for row in observation}) == 1030
+    assert np.array_equal(observation[[255, 256, 257, 1029]], starts(STAB, [258, 259, 260, 1032]))
 
 
 def test_without_a_seed_runs_differ():
