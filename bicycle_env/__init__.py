@@ -10,13 +10,14 @@ from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.presets import register_vehicle, vehicles
 from bicycle_env.physics.simulate import simulate
-from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.physics.vehicle import UnitWarning, Vehicle
 from bicycle_env.registration import register
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Actuator",
+    "UnitWarning",
     "Vehicle",
     "__version__",
     "analysis",

@@ -12,7 +12,7 @@ from bicycle_env.analysis.inertial import (
 )
 from bicycle_env.analysis.nonlinear_model import Jacobians, jacobians
 from bicycle_env.analysis.phase_plane import Manifold, Orbit, PhasePortrait, phase_portrait
-from bicycle_env.analysis.recovery import RecoverableSet, recoverable_set
+from bicycle_env.analysis.recovery import IntractableError, RecoverableSet, recoverable_set
 from bicycle_env.analysis.stability import (
     Modes,
     Stability,
@@ -47,6 +47,7 @@ __all__ = [
     "HandlingCurve",
     "HandlingDiagram",
     "InertialMatrices",
+    "IntractableError",
     "Jacobians",
     "Manifold",
     "Modes",

@@ -258,7 +258,7 @@ def root(function: Callable[[float], float], low: float, high: float) -> float:
 
 def _edge(balance: RearBalance, steer: tuple[float, float], low: float, high: float) -> tuple[float, float]:
     """Two rear slip angles, 1e-9 of the interval apart, between which sliding of both axles begins or ends."""
-    closeness = 1e-9 * (high - low)
+    closeness = max(1e-9 * (high - low), 2.0 * float(np.spacing(max(abs(low), abs(high)))))
     while high - low > closeness:
         nodes = np.linspace(low, high, 65)
         sliding = balance.is_sliding(nodes, *steer)

@@ -28,17 +28,26 @@ class Subject(NamedTuple):
     draw: Callable[[Study], object]
 
 
-def draw(study: Study, progress: Callable[[str], None]) -> Iterator[Picture]:
-    """Draw the pictures one by one; `progress` hears what comes next."""
+def draw(study: Study, progress: Callable[[str], None], left_out: list[str]) -> Iterator[Picture]:
+    """Draw the pictures one by one; `progress` hears what comes next.
+
+    `left_out` is told, in words, of pictures that cannot be drawn of a car whose numbers are beyond all cars'.
+    """
     for subject in SUBJECTS:
         progress(f"drawing {subject.name}.png")
-        yield Picture(
-            f"{subject.name}.png",
-            subject.title,
-            subject.caption(study),
-            subject.alternative(study),
-            plots.png(subject.draw(study)),
-        )
+        try:
+            picture = Picture(
+                f"{subject.name}.png",
+                subject.title,
+                subject.caption(study),
+                subject.alternative(study),
+                plots.png(subject.draw(study)),
+            )
+        except (ValueError, ArithmeticError, analysis.IntractableError) as error:
+            left_out.append(f"The picture {subject.title!r} cannot be drawn of this car: {error}.")
+            progress(left_out[-1])
+        else:
+            yield picture
 
 
 def _root_locus(study: Study) -> str:

@@ -15,6 +15,7 @@ from bicycle_env.report.study import BOX, LQR_SIZES, STEER_LIMITS, Study
 DEGREE = math.pi / 180.0
 AXLES = {"front": "front_steer", "rear": "rear_steer"}
 NOT_STEADY = "none: no steady turn at exactly the critical speed"
+TOO_FAST = "not computed: the fastest mode of this car needs too short steps"
 STABLE = "none: stable"
 UNSTABLE = "none: unstable, a deviation grows without oscillation"
 
@@ -262,7 +263,10 @@ def _recovery(study: Study) -> tuple[Quantity, ...]:
     shares = study.shares
     box = f"|sideslip| <= {BOX[0] / DEGREE:.0f} deg, |yaw rate| <= {BOX[1] / DEGREE:.0f} deg/s"
     limits = f"at most {STEER_LIMITS[0] / DEGREE:.1f} deg of front and {STEER_LIMITS[1] / DEGREE:.1f} deg of rear steer"
-    cells = study.recoverable.resolution
+    cells: tuple[float, ...] = (math.nan, math.nan)
+    horizon = "some time"
+    if not study.why_unknown:
+        horizon, cells = f"{study.recoverable.horizon:g} s", study.recoverable.resolution
     return (
         Quantity(
             "recoverable_share",
@@ -270,9 +274,9 @@ def _recovery(study: Study) -> tuple[Quantity, ...]:
             shares["recoverable"],
             "",
             "",
-            f"share of {box} from which SOME steering, {limits}, brings the car back within "
-            f"{study.recoverable.horizon:g} s",
+            f"share of {box} from which SOME steering, {limits}, brings the car back within {horizon}",
             f"{100 * shares['recoverable']:.1f} %",
+            study.why_unknown or TOO_FAST,
         ),
         Quantity(
             "lqr_share",
@@ -283,6 +287,7 @@ def _recovery(study: Study) -> tuple[Quantity, ...]:
             "the same share for a clipped linear regulator of sideslip and yaw rate, in whose cost "
             f"{LQR_SIZES[0] / DEGREE:.1f} deg and {LQR_SIZES[1] / DEGREE:.0f} deg/s weigh as much as full steer",
             f"{100 * shares['lqr']:.1f} %",
+            study.why_unknown or TOO_FAST,
         ),
         Quantity(
             "straight_share",
@@ -292,11 +297,12 @@ def _recovery(study: Study) -> tuple[Quantity, ...]:
             "",
             "the same share without any steering",
             f"{100 * shares['straight']:.1f} %",
+            study.why_unknown or TOO_FAST,
         ),
         Quantity(
             "recoverable_resolution",
             "cell of the grid",
-            [{"lateral_velocity": cells[0], "yaw_rate": cells[1]}],
+            [{"lateral_velocity": finite(cells[0]), "yaw_rate": finite(cells[1])}],
             "m/s, rad/s",
             "",
             "the edge of the set is known to about one cell",

@@ -74,6 +74,15 @@ class Study:
         )
 
     @functools.cached_property
+    def why_unknown(self) -> str:
+        """Why it could not be computed what can be saved; "" if it could."""
+        try:
+            _ = self.recoverable
+        except analysis.IntractableError as error:
+            return f"not computed: {error}"
+        return ""
+
+    @functools.cached_property
     def lqr_gain(self) -> NDArray[np.float64]:
         """K (2, 2) of steer = -K (lateral velocity, yaw rate): a linear regulator; it does not know the limits."""
         sideslip, yaw_rate = LQR_SIZES
@@ -87,12 +96,20 @@ class Study:
 
     @functools.cached_property
     def shares(self) -> dict[str, float]:
-        """The share of BOX that is recoverable, that clipped LQR saves, and that straight wheels save."""
+        """The share of BOX that is recoverable, that clipped LQR saves, that straight wheels save; NaN if unknown."""
+        if self.why_unknown:
+            return dict.fromkeys(("recoverable", "lqr", "straight"), math.nan)
         return {
             "recoverable": self.recoverable.share(*BOX),
-            "lqr": self.recoverable.saved_share(self.lqr_gain, *BOX),
-            "straight": self.recoverable.saved_share(np.zeros((2, 2)), *BOX),
+            "lqr": self._saved(self.lqr_gain),
+            "straight": self._saved(np.zeros((2, 2))),
         }
+
+    def _saved(self, gain: NDArray[np.float64]) -> float:
+        try:
+            return self.recoverable.saved_share(gain, *BOX)
+        except analysis.IntractableError:
+            return math.nan
 
 
 def study(

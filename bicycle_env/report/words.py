@@ -34,10 +34,16 @@ def summary(study: Study) -> str:
             f"above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) it is unstable: here a deviation doubles in "
             f"{doubling:.2f} s unless somebody steers"
         )
-    shares = {name: f"{100 * share:.0f} %" for name, share in study.shares.items()}
+    begin = f"This car {kind}; {stability}. "
+    if study.why_unknown:
+        return f"{begin}What can be saved was {study.why_unknown}."
+    shares = {
+        name: "an unknown share" if math.isnan(share) else f"{100 * share:.0f} %"
+        for name, share in study.shares.items()
+    }
     coarse = study.shares["recoverable"] < max(study.shares["lqr"], study.shares["straight"])
     return (
-        f"This car {kind}; {stability}. On {study.tire.name} tires and friction {study.friction:g}, from "
+        f"{begin}On {study.tire.name} tires and friction {study.friction:g}, from "
         f"{shares['recoverable']} of the states with up to {BOX[0] / DEGREE:.0f} deg of sideslip and "
         f"{BOX[1] / DEGREE:.0f} deg/s of yaw rate some steering brings it back; a linear regulator saves "
         f"{shares['lqr']}, straight wheels {shares['straight']}."
@@ -71,7 +77,7 @@ def _mapping(entry: dict[str, Any]) -> str:
     if "kind" in entry:
         sideslip, yaw_rate = entry["sideslip"] / DEGREE, entry["yaw_rate"] / DEGREE
         return f"{entry['kind']} at sideslip {sideslip:.1f} deg, yaw rate {yaw_rate:.1f} deg/s"
-    return " x ".join(f"{value:.3g}" for value in entry.values())
+    return " x ".join("unknown" if value is None else f"{value:.3g}" for value in entry.values())
 
 
 def _complex(values: Any) -> str:

@@ -49,8 +49,8 @@ def write(study: Study, folder: str | Path, progress: Callable[[str], None] | No
     folder.mkdir(parents=True, exist_ok=True)
     compute(study, tell)
     figures = groups(study)
-    drawn = []
-    for picture in pictures.draw(study, tell):
+    drawn, left_out = [], list[str]()
+    for picture in pictures.draw(study, tell, left_out):
         write_bytes(folder / picture.file_name, picture.content)
         drawn.append(picture)
     text = page(
@@ -64,6 +64,7 @@ def write(study: Study, folder: str | Path, progress: Callable[[str], None] | No
             f"Tire: {study.tire.name}; friction {study.friction:g}. The linear figures and pictures hold for small "
             "angles and every tire. Axes: x forward, y to the left; positive steer, yaw rate and sideslip are to the "
             "left.",
+            *left_out,
             f"Made by bicycle-env {provenance.versions()['bicycle-env']}.",
         ),
     )

@@ -12,6 +12,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
+from bicycle_env.analysis.recovery.least_time import IntractableError
 from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import NUMBA
 from bicycle_env.physics.integrators import rk4
@@ -19,6 +20,9 @@ from bicycle_env.physics.single_track import Car, CarState, single_track
 from bicycle_env.physics.tires import Tire
 
 Array = NDArray[np.float64]
+
+SHORTEST_STEP = 5e-4
+"""s; RK4 then follows modes of 5000 1/s, of which no car has one."""
 
 _NUMBERS = len(Car._fields)
 _matrix = numba.float64[:, ::1]
@@ -40,6 +44,10 @@ def saved_by_feedback(
 
     The steer angles follow at once. `limits` and `goal`: sideslip, yaw rate, course, lateral position.
     """
+    if timestep < SHORTEST_STEP:
+        raise IntractableError(
+            f"the fastest mode of this car needs steps of {timestep:.3g} s, below {SHORTEST_STEP:g} s"
+        )
     table = np.stack([np.ravel(np.asarray(values, dtype=np.float64)) for values in starts])
     saved = np.zeros(table.shape[1], dtype=np.bool_)
     with announcements.progress(f"linear feedback on the {type(tire).__name__} tire, {geometry} geometry"):

@@ -26,9 +26,11 @@ from numpy.typing import NDArray
 
 from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import NUMBA
-from bicycle_env.physics.integrators import rk4
+from bicycle_env.physics.integrators import STABILITY_LIMIT, rk4
+from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.single_track import Car, CarState, single_track
 from bicycle_env.physics.tires import Tire
+from bicycle_env.physics.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -43,6 +45,15 @@ MOST_SWEEPS = 10_000
 _NUMBERS = len(Car._fields)
 _matrix = numba.float64[:, ::1]
 _row = numba.float64[::1]
+
+
+class IntractableError(RuntimeError):
+    """The time scales of a car's motion lie so far apart that no grid of a usual size holds them."""
+
+
+def longest_step(vehicle: Vehicle, speed: float) -> float:
+    """LONGEST_STEP, s, or what RK4 needs for the fastest mode of a car at a speed [m/s], if that is less."""
+    return min(LONGEST_STEP, STABILITY_LIMIT / fastest_rate(vehicle, speed))
 
 
 class Steps(NamedTuple):
@@ -182,7 +193,7 @@ def _sweep_down(sweep: Callable[[int], float], directions: int, progress: Progre
         progress(min(1.0, math.log(max(change, TOLERANCE)) / math.log(TOLERANCE)))
         if change <= TOLERANCE:
             return
-    raise RuntimeError(f"the least time did not converge in {MOST_SWEEPS} sweeps")
+    raise IntractableError(f"the least time did not converge in {MOST_SWEEPS} sweeps")
 
 
 @functools.cache

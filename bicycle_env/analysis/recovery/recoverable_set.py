@@ -138,6 +138,7 @@ class RecoverableSet:
 
         Raises:
             ValueError, TypeError: a gain of another shape or values that are not finite.
+            IntractableError: the car's fastest mode needs more steps than can be simulated.
         """
         matrix = _finite("gain", gain)
         states = 2 if self.lane is None else 4
@@ -156,7 +157,7 @@ class RecoverableSet:
             self._car,
             CarState(zero, zero, -v / self.speed, v, r, zero, zero),
             whole_gain,
-            0.5 * HOLD,
+            min(0.5 * HOLD, least_time.longest_step(self.vehicle, self.speed)),
             self.horizon,
             (self.sideslip_limit, self.yaw_rate_limit, np.inf, self.lane if self.lane is not None else np.inf),
             (GOAL_SIDESLIP, GOAL_YAW_RATE, GOAL_COURSE if in_lane else np.inf, np.inf),
@@ -190,7 +191,7 @@ class RecoverableSet:
         cells = np.max(
             np.abs([rate.lateral_velocity, rate.yaw_rate]) / np.array(self.resolution[:2])[:, None], initial=0.0
         )
-        step = min(least_time.LONGEST_STEP, least_time.CELLS / max(cells, 1e-9))
+        step = min(least_time.longest_step(self.vehicle, self.speed), least_time.CELLS / max(cells, 1e-9))
         after = advance(state, steered, steered, steered, car, np.float64(step))
         if self.lane is None:
             points = np.stack([after.lateral_velocity, after.yaw_rate], axis=-1)

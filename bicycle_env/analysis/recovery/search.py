@@ -74,6 +74,7 @@ def recoverable_set(
 
     Raises:
         ValueError, TypeError: a bad value, named with its allowed range.
+        IntractableError: the time scales of this car's motion lie so far apart that the search does not converge.
     """
     vehicle = resolve_vehicle(vehicle)
     speed = checked_speed(speed)
@@ -91,6 +92,7 @@ def recoverable_set(
     geometry = resolve_geometry(geometry, tire)
 
     car = car_with_limits(vehicle, speed, friction, (front, rear))
+    longest = least_time.longest_step(vehicle, speed)
     angles = _pairs(front, rear, LEVELS)
     limits = (sideslip_limit * speed, yaw_rate_limit)
     plane = tuple(_axis(limit, n) for limit, n in zip(limits, shape, strict=True))
@@ -115,7 +117,7 @@ def recoverable_set(
     goal = _goal("grid", plane[0], plane[1], speed)
     with _bar("recoverable set", progress) as show:
         value = np.where(goal, 0.0, 1.0)
-        steps = least_time.steps(tire, geometry, car, plane[0], plane[1], angles, least_time.LONGEST_STEP)
+        steps = least_time.steps(tire, geometry, car, plane[0], plane[1], angles, longest)
         least_time.solve_plane(value, steps, (plane[0], plane[1]), horizon, show)
     found = dataclasses.replace(found, value=value)
     if lane is None:
@@ -127,7 +129,7 @@ def recoverable_set(
     lane_value = np.where(np.broadcast_to(goal_in_lane, lane_shape), 0.0, 1.0)
     with _bar("recoverable set in a lane", progress) as show:
         angles = _pairs(front, rear, LANE_LEVELS)
-        steps = least_time.steps(tire, geometry, car, v, r, angles, least_time.LONGEST_STEP)
+        steps = least_time.steps(tire, geometry, car, v, r, angles, longest)
         axes = (v, r, course, y)
         least_time.solve_lane(lane_value, floor, steps, axes, speed, geometry == "exact", horizon, show)
     return dataclasses.replace(
