@@ -133,6 +133,18 @@ def test_the_preview_gain_is_the_one_of_brute_force(steer, horizon):
     assert np.max(np.abs(G)) > 0.01
 
 
+@pytest.mark.parametrize("points", [3, 10])
+def test_the_policy_uses_the_path_up_to_its_last_point(points):
+    """With a point in each control step its preview is the brute force's, the last point included."""
+    spacing = 0.02
+    env = gym.make("BicycleLaneChange-v0", preview_length=points * spacing, preview_spacing=spacing).unwrapped
+    assert len(env.task.preview_times) == points
+    weights, model = tuned_weights("lane_change"), env.linear_model()
+    Q, R = weights.matrices(env.speed, model.input_names)
+    _, expected = brute_force(model.A, model.B, Q, R, wanted_path(model, env.speed, points), points)
+    np.testing.assert_allclose(LQR(env).preview, expected, rtol=1e-5, atol=1e-6 * np.max(np.abs(expected)))
+
+
 def test_the_preview_gain_of_a_scalar_plant_by_hand():
     """x+ = x + u, cost (x - w)^2 + u^2: P = (1 + sqrt 5)/2, K = P/(1 + P) = 1/P; a step ahead weighs 1 - K as much."""
     golden = (1.0 + math.sqrt(5.0)) / 2.0

@@ -174,6 +174,24 @@ def test_the_plan_keeps_the_actuators_limits():
         assert 0.99 * most < furthest < 1.001 * most, "the limit is kept, and is at work here"
 
 
+def test_the_moved_plan_is_seen_from_the_cars_new_place():
+    """The same motion, a step later: lateral positions count from the car, which has moved."""
+    car = plant()
+    policy = MPC(car, horizon=20)
+    observation, _ = car.reset(options={"state": {"lateral_velocity": 3.0, "yaw_rate": 0.3, "heading": -0.07}})
+    action = policy.act(observation)
+    before, _ = policy.planned()
+    observation = car.step(action)[0]
+    policy.iterations = 0  # what it starts from, as it is
+    policy.act(observation)
+    moved, _ = policy.planned()
+    place = np.zeros(6)
+    place[0] = before[1, 0]
+    assert abs(place[0]) > 1e-3
+    np.testing.assert_allclose(moved[1:-2], before[2:-1] - place, rtol=0.0, atol=1e-12)
+    assert moved[0, 0] == 0.0
+
+
 def test_the_plan_is_what_the_car_then_does():
     """Up to the corner of the rate limit, which the plan rounds off: a few per cent of a wheel's way in a step."""
     car = plant()

@@ -6,7 +6,7 @@ import pytest
 
 from bicycle_env import analysis
 from bicycle_env.control import LQR, ContinuousLQR, PolePlacement, ScheduledLQR
-from bicycle_env.control.pole_placement import wanted_poles
+from bicycle_env.control.pole_placement import steady_turn, wanted_poles
 
 IDS = ("BicycleStab-v0", "BicycleLaneChange-v0")
 STEERS = ("front", "rear", "both")
@@ -120,6 +120,26 @@ def test_the_wanted_poles_follow_from_the_open_loop():
 def test_bad_poles_are_refused(keywords):
     with pytest.raises(ValueError, match=next(iter(keywords))):
         PolePlacement(plant(), **keywords)
+
+
+@pytest.mark.parametrize("steer", STEERS)
+def test_pole_placement_steers_ahead_by_the_lag_and_half_a_step(steer):
+    """Ahead of a car that stands on the path y = t^3 the acceleration is 6 t, of y = t^2 it is 2: their ratio is 3 t.
+
+    A command is held for a step, so on the average it comes half a step late, and the wheels follow by their lag.
+    """
+    car = plant("BicycleLaneChange-v0", steer)
+    times = np.array(car.task.preview_times)
+    actions = []
+    for power in (2, 3):
+        observation = np.zeros(len(car.observation_names))
+        observation[-len(times) :] = times**power / car.observation_scale[-len(times) :]
+        actions.append(observation @ steady_turn(car)[1])
+    actuators = {"front": [car.front_actuator], "rear": [car.rear_actuator]}.get(
+        steer, [car.front_actuator, car.rear_actuator]
+    )
+    expected = [actuator.time_constant + 0.5 * car.control_timestep for actuator in actuators]
+    np.testing.assert_allclose(actions[1] / actions[0] / 3.0, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("steer", STEERS)

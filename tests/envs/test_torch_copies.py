@@ -162,3 +162,19 @@ def test_one_number_for_all_keeps_its_gradient():
     envs.reset(seed=0, options={"state": {"heading": heading}})
     envs.step(zeros(envs))[1].sum().backward()
     assert heading.grad != 0.0
+
+
+# Success
+
+
+def test_a_car_that_is_put_somewhere_has_not_yet_settled_there():
+    envs = quick(vehicle="understeer", speed=20.0)
+    envs.reset(options={"state": {"yaw_rate": 0.0}})
+    for _ in range(60):
+        envs.step(zeros(envs))
+    assert envs.is_success.all()
+    _, info = envs.set_state({"lateral_position": 0.1})
+    assert not info["is_success"].any()
+    for _ in range(49):
+        assert not envs.step(zeros(envs))[4]["is_success"].any()
+    assert envs.step(zeros(envs))[4]["is_success"].all()

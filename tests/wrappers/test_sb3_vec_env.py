@@ -105,6 +105,31 @@ def test_many_rows_end_where_their_single_environments_end():
         assert seen[row]["TimeLimit.truncated"] is truncated
 
 
+def test_an_end_in_the_last_step_is_no_time_out():
+    """Both flags are set then: what would have come is worth nothing, and must not be bootstrapped."""
+    env = native(max_episode_steps=1)
+    spins = np.array([False, True, False, True, True])
+    env.set_options({"state": {"heading": np.where(spins, 1.19, 0.0), "yaw_rate": np.where(spins, 1.9, 0.0)}})
+    env.reset()
+    *_, over, infos = env.step(np.zeros((ROWS, 2), np.float32))
+    assert over.all()
+    assert [info["TimeLimit.truncated"] for info in infos] == (~spins).tolist()
+    told = env.info["final_info"]["end"]
+    assert (told > 0).tolist() == spins.tolist()
+
+
+def test_a_last_observation_is_the_callers():
+    """Callbacks keep it: it must not hold the whole array of all rows, nor change with it."""
+    env = native(max_episode_steps=1)
+    env.reset()
+    *_, infos = env.step(np.zeros((ROWS, 2), np.float32))
+    kept = [info["terminal_observation"] for info in infos]
+    before = np.array(kept)
+    env.info["final_obs"][:] = 7.0
+    assert np.array_equal(kept, before)
+    assert all(one.base is None for one in kept)
+
+
 def test_nothing_is_shared_between_rows_or_steps():
     env = native(max_episode_steps=3)
     first = env.reset()
