@@ -43,7 +43,7 @@ def draw(study: Study, progress: Callable[[str], None], left_out: list[str]) -> 
                 subject.alternative(study),
                 plots.png(subject.draw(study)),
             )
-        except (ValueError, ArithmeticError, analysis.IntractableError) as error:
+        except (ValueError, ArithmeticError, RuntimeError) as error:
             left_out.append(f"The picture {subject.title!r} cannot be drawn of this car: {error}.")
             progress(left_out[-1])
         else:

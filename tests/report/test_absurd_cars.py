@@ -8,6 +8,7 @@ import pytest
 from bicycle_env import Vehicle, report
 from bicycle_env.physics.validation import RANGES
 from bicycle_env.physics.vehicle import QUANTITIES
+from bicycle_env.report import pictures
 from bicycle_env.report.words import summary
 
 LENGTHS = ("cg_to_front", "cg_to_rear", "front_half_track", "rear_half_track", "front_overhang", "rear_overhang")
@@ -81,3 +82,17 @@ def test_a_model_at_a_tenth_of_the_size_at_walking_pace():
     assert figures["is_stable"]
     assert figures["straight_share"] == figures["lqr_share"] == pytest.approx(1.0)
     assert figures["recoverable_share"] == pytest.approx(1.0)
+
+
+def test_a_picture_that_cannot_be_drawn_is_left_out_and_named(tmp_path, monkeypatch):
+    """The fold of this car's steady turns is lost between two roundings."""
+    monkeypatch.setattr(
+        pictures, "SUBJECTS", [s for s in pictures.SUBJECTS if s.name in ("root_locus", "steady_turns")]
+    )
+    study = absurd(0)
+    study.__dict__["why_unknown"] = "not computed: a test of the pictures"
+    told = []
+    page = report.write(study, tmp_path, told.append).read_text(encoding="utf-8")
+    assert {path.name for path in tmp_path.iterdir()} == {"root_locus.png", "report.html"}
+    assert "Handling diagram and steady turns&#x27; cannot be drawn of this car: the continuation lost" in page
+    assert "cannot be drawn of this car" in told[-1]
