@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-_NEEDED = ("matplotlib", "rich", "safetensors", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro")
+_NEEDED = ("matplotlib", "rich", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro")
 _missing = [name for name in _NEEDED if find_spec(name) is None]
 if _missing:
     raise SystemExit(

@@ -46,7 +46,7 @@ ROWS = {
     "streams": Row(set(), set()),
     "analysis": Row({"physics"}, {"numpy", "scipy", "numba"}, lazy_packages={"control", "tqdm"}),
     "tasks": Row({"analysis", "physics"}, {"numpy"}),
-    "control": Row({*BELOW_ENVS, "files"}, {"numpy", "scipy", "numba"}, lazy_packages={"casadi", "safetensors"}),
+    "control": Row({*BELOW_ENVS, "files"}, {"numpy", "scipy", "numba"}, lazy_packages={"casadi"}),
     "envs": Row(
         BELOW_ENVS, {"gymnasium", "numpy", "numba", "llvmlite"}, lazy_layers={"rendering"}, lazy_packages={"torch"}
     ),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.control.policy import Array, Policy
-from bicycle_env.files import write_bytes, write_json
+from bicycle_env.files import (
+    FileError,
+    anything,
+    listed,
+    mapping,
+    naming,
+    one_of,
+    pack_arrays,
+    read_bytes,
+    read_json,
+    shown,
+    table,
+    text,
+    unpack_arrays,
+    whole_in,
+    write_bytes,
+    write_json,
+)
 
 WEIGHTS_FILE = "policy.safetensors"
 DESCRIPTION_FILE = "policy.json"
@@ -21,7 +37,23 @@ VERSION = 1
 
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}
 OUTPUTS: dict[str, Callable[[Any], Any]] = {"clip": lambda x: np.clip(x, -1.0, 1.0), "tanh": np.tanh}
-REQUIRED = ("format", "version", "env_id", "observation_names", "activation", "output", "layers", "weights_sha256")
+LARGEST = 100_000_000  # bytes of the weights
+MOST_LAYERS, WIDEST = 100, 100_000
+DESCRIPTION = table(
+    {
+        "format": one_of([FORMAT]),
+        "version": whole_in(VERSION, VERSION),
+        "env_id": text(200),
+        "observation_names": listed(text(200), 1, WIDEST),
+        "activation": one_of(ACTIVATIONS),
+        "output": one_of(OUTPUTS),
+        "layers": listed(listed(whole_in(1, WIDEST), 2, 2), 1, MOST_LAYERS),
+        "weights_sha256": text(64),
+    },
+    {"env_keywords": mapping(anything, 100)},
+    others=True,
+)
+"""What policy.json must hold; what else stands there is kept, and nothing is done with it."""
 
 
 class Network(Policy):
@@ -83,7 +115,7 @@ class Network(Policy):
         for k, (weight, bias) in enumerate(self._layers):
             tensors[f"layer{k}.weight"] = np.ascontiguousarray(weight.T, np.float32)
             tensors[f"layer{k}.bias"] = np.ascontiguousarray(bias, np.float32)
-        content = _safetensors().save(tensors)
+        content = pack_arrays(tensors)
         write_bytes(Path(folder) / WEIGHTS_FILE, content)
         write_json(Path(folder) / DESCRIPTION_FILE, {**self.description, "weights_sha256": _sha256(content)})
 
@@ -93,48 +125,35 @@ def load(folder: str | Path) -> Network:
 
     Raises:
         FileNotFoundError: a file is missing.
-        ValueError: a file is damaged, of another format or version, or its parts do not fit together.
+        FileError: a ValueError of one line, which names the file: no folder (an archive of Stable-Baselines3, say), too
+            large, damaged, of another format or version, or its parts do not fit together.
     """
     folder = Path(folder)
-    for name in (DESCRIPTION_FILE, WEIGHTS_FILE):
-        if not (folder / name).is_file():
-            raise FileNotFoundError(f"{folder} is not a policy folder: it has no {name}")
-    try:
-        description = json.loads((folder / DESCRIPTION_FILE).read_text(encoding="utf-8"))
-        content = (folder / WEIGHTS_FILE).read_bytes()
-        tensors = _safetensors().load(content)
-    except ModuleNotFoundError:
-        raise
-    except Exception as error:
-        raise ValueError(f"{folder} holds a damaged policy: {error}") from None
-    if not isinstance(description, dict) or any(key not in description for key in REQUIRED):
-        raise ValueError(f"{folder / DESCRIPTION_FILE} must have the keys {', '.join(REQUIRED)}")
-    if description["format"] != FORMAT or description["version"] != VERSION:
-        raise ValueError(
-            f"{folder / DESCRIPTION_FILE} must be format {FORMAT!r}, version {VERSION}; "
-            f"got {description['format']!r}, {description['version']!r}"
+    if folder.exists() and not folder.is_dir():
+        raise FileError(
+            f"{shown(folder)}: a policy is a folder with {DESCRIPTION_FILE} and {WEIGHTS_FILE}, as agents.train writes "
+            "it; archives of Stable-Baselines3, pickles and .pt files can hold code, and are never opened"
         )
+    for name in (DESCRIPTION_FILE, WEIGHTS_FILE):
+        if not (folder / name).exists():
+            raise FileNotFoundError(f"{shown(folder)} is not a policy folder: it has no {name}")
+    description = read_json(folder / DESCRIPTION_FILE, DESCRIPTION)
+    content = read_bytes(folder / WEIGHTS_FILE, LARGEST)
     if description.pop("weights_sha256") != _sha256(content):
-        raise ValueError(f"{folder / WEIGHTS_FILE} does not belong to the {DESCRIPTION_FILE} beside it")
-    shapes = description["layers"]
-    try:
-        layers = [(tensors[f"layer{k}.weight"], tensors[f"layer{k}.bias"]) for k in range(len(shapes))]
-    except (KeyError, TypeError):
-        raise ValueError(f"{folder / WEIGHTS_FILE} lacks layers that {DESCRIPTION_FILE} announces") from None
-    if [list(weight.shape) for weight, _ in layers] != shapes or len(tensors) != 2 * len(layers):
-        raise ValueError(f"{folder / WEIGHTS_FILE} has other layers than {DESCRIPTION_FILE} announces: {shapes!r}")
-    return Network(layers, description["activation"], description["output"], description)
+        raise FileError(f"{shown(folder / WEIGHTS_FILE)}: does not belong to the {DESCRIPTION_FILE} beside it")
+    tensors = unpack_arrays(content, folder / WEIGHTS_FILE)
+    with naming(folder / WEIGHTS_FILE):
+        shapes = description["layers"]
+        names = [f"layer{k}.{part}" for k in range(len(shapes)) for part in ("weight", "bias")]
+        if missing := [name for name in names if name not in tensors]:
+            raise ValueError(f"lacks layers that {DESCRIPTION_FILE} announces: {', '.join(missing)}")
+        layers = [(tensors[weight], tensors[bias]) for weight, bias in zip(names[::2], names[1::2], strict=True)]
+        if [list(weight.shape) for weight, _ in layers] != shapes or len(tensors) != len(names):
+            raise ValueError(f"has other layers than {DESCRIPTION_FILE} announces: {shapes!r}")
+        if any(array.dtype != np.float32 for array in tensors.values()):
+            raise ValueError("the layers must be of dtype F32")
+        return Network(layers, description["activation"], description["output"], description)
 
 
 def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-def _safetensors() -> Any:
-    try:
-        import safetensors.numpy
-    except ImportError:
-        raise ModuleNotFoundError(
-            'policy files need safetensors: pip install "bicycle-env[agents]"', name="safetensors"
-        ) from None
-    return safetensors.numpy
