@@ -287,7 +287,7 @@ def test_a_window_can_be_closed_twice_and_opened_again(make):
     assert not pygame.display.get_init()
     env.close()
     viewer.close()
-    env.reset(seed=0)
+    make(render_mode="human").reset(seed=0)  # another environment's: this one is closed for good
     assert pygame.display.get_surface() is not None
 
 
