@@ -7,6 +7,7 @@ is itself the saddle and its stable manifold is all from which an uncontrolled c
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bicycle_env.analysis.equilibria import Equilibrium, RearBalance, checked_model, described, turns_at
 from bicycle_env.analysis.nonlinear_model import NonlinearModel, checked_steer
+from bicycle_env.analysis.recovery.least_time import IntractableError
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.tires import Tire
 from bicycle_env.physics.validation import positive, whole
@@ -33,6 +35,9 @@ TOLERANCE = 1e-10
 
 SPACING = 0.01
 """Largest distance between neighbouring points of an orbit, in half-widths of the box."""
+
+MOST_EVALUATIONS = 200_000
+"""Of the equations of motion for one trajectory; usual cars take some hundreds to thousands."""
 
 
 class Orbit(NamedTuple):
@@ -107,6 +112,7 @@ def phase_portrait(
 
     Raises:
         ValueError, TypeError: as :func:`equilibria`.
+        IntractableError: the car's fastest mode is too fast for its slowest one to be followed.
     """
     model = checked_model(vehicle, speed, tire, friction, geometry)
     steer = checked_steer(steer)
@@ -179,7 +185,11 @@ def _orbit(model: NonlinearModel, steer: tuple[float, float], start: Array, dura
     """Follow the motion for a time [s], backwards if negative, or to the edge of the box."""
     from scipy.integrate import solve_ivp  # `import bicycle_env` stays light
 
+    evaluations = itertools.count()
+
     def rates(_: float, state: Array) -> tuple[float, float]:
+        if next(evaluations) >= MOST_EVALUATIONS:
+            raise IntractableError(f"a trajectory of this car takes more than {MOST_EVALUATIONS} evaluations")
         lateral_velocity, yaw_rate = state.tolist()
         return model.rates(lateral_velocity, yaw_rate, *steer, xp=PYTHON)
 

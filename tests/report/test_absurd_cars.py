@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from bicycle_env import Vehicle, report
+from bicycle_env import Vehicle, analysis, report
 from bicycle_env.physics.validation import RANGES
 from bicycle_env.physics.vehicle import QUANTITIES
 from bicycle_env.report import pictures
@@ -96,3 +96,9 @@ def test_a_picture_that_cannot_be_drawn_is_left_out_and_named(tmp_path, monkeypa
     assert {path.name for path in tmp_path.iterdir()} == {"root_locus.png", "report.html"}
     assert "Handling diagram and steady turns&#x27; cannot be drawn of this car: the continuation lost" in page
     assert "cannot be drawn of this car" in told[-1]
+
+
+def test_a_trajectory_that_would_take_hours_is_given_up(monkeypatch):
+    monkeypatch.setattr("bicycle_env.analysis.phase_plane.MOST_EVALUATIONS", 300)
+    with pytest.raises(analysis.IntractableError, match="takes more than 300 evaluations"):
+        analysis.phase_portrait("oversteer", 30.0)
