@@ -57,13 +57,14 @@ def preview_cost(A: Matrix, B: Matrix, Q: Matrix, R: Matrix, reference: Matrix, 
     shift = np.eye(horizon + 1, k=1)
     shift[-1, -1] = 1.0
     closed = (A - B @ K).T
-    # S = (A - BK)' S D - Q M, D the shift. The loop is a contraction.
-    S = np.zeros((len(A), horizon + 1))
-    for _ in range(100_000):
-        new = closed @ S @ shift - Q @ reference
-        if np.max(np.abs(new - S)) <= 1e-12 * np.max(np.abs(new)):
+    # S = (A - BK)' S D - Q M, D the shift: a series, summed by doubling (R. A. Smith, SIAM J. Appl. Math. 16, 1968).
+    S = -Q @ reference
+    for _ in range(64):
+        more = closed @ S @ shift
+        S = S + more
+        if np.max(np.abs(more)) <= 1e-15 * np.max(np.abs(S)):
             break
-        S = new
+        closed, shift = closed @ closed, shift @ shift
     return P, S
 
 
