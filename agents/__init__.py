@@ -1,4 +1,4 @@
-"""Scripts that a user runs from a checkout: train, evaluate, benchmark, tune_lqr, demo."""
+"""Scripts that a user runs from a checkout: train, evaluate, benchmark, tune, headroom, demo."""
 
 from importlib.util import find_spec
 

@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.statistics import bootstrap, wilson
+from agents.statistics import mean, share
 from bicycle_env.control import Policy
 
 
@@ -19,6 +19,9 @@ class Episode:
     """Figures of one episode; SI, angles in rad. The last four are None where the task has no lane change."""
 
     success: bool
+    """The task's success: settled for the last second when the time was over."""
+    on_road: bool
+    """The time was over before the car spun or left the road, settled or not."""
     end: str
     episode_return: float
     seconds: float
@@ -45,7 +48,7 @@ def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
     total, effort, outside, steps = 0.0, 0.0, 0.0, 0
     sideslip = acceleration = error = 0.0
     overshoot, unsettled_until = 0.0, 0.0
-    over = False
+    over = terminated = False
     while not over:
         observation, reward, terminated, truncated, info = env.step(policy.act(observation))
         over = terminated or truncated
@@ -69,6 +72,7 @@ def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
         extra["settling_time"] = unsettled_until - begin if plant.is_success else None
     return Episode(
         success=plant.is_success,
+        on_road=not terminated,
         end=info["end"],
         episode_return=total,
         seconds=seconds,
@@ -81,9 +85,18 @@ def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
     )
 
 
-def start_seeds(episodes: int, seed: int) -> list[int]:
-    """The episode seeds of an evaluation: every policy drives from these same starts."""
-    return [int(word) for word in np.random.SeedSequence(seed).generate_state(episodes)]
+PURPOSES = ("report", "tune", "select")
+"""What starts are for. Those of different purposes are different for every seed: settings are never chosen on the
+starts that a table reports."""
+
+
+def start_seeds(episodes: int, seed: int, purpose: str = "report") -> list[int]:
+    """The episode seeds of an evaluation, or of another of the `PURPOSES`: every policy drives from these same starts.
+
+    32 random bits each; the purpose stands above them.
+    """
+    words = np.random.SeedSequence(seed).generate_state(episodes)
+    return [int(word) + (PURPOSES.index(purpose) << 32) for word in words]
 
 
 def evaluate(
@@ -106,15 +119,15 @@ def hardest_saved(first: list[Episode], second: list[Episode], seed: int) -> int
 
 
 def summarise(driven: list[Episode]) -> dict[str, Any]:
-    """Means with 95 % intervals: Wilson for the success rate, bootstrap for the rest."""
-    wins = sum(episode.success for episode in driven)
+    """Means with 95 % intervals: Wilson for the shares, bootstrap for the rest."""
     summary: dict[str, Any] = {
         "episodes": len(driven),
-        "success_rate": {"value": wins / len(driven), "interval": wilson(wins, len(driven))},
+        "success_rate": share([episode.success for episode in driven]),
+        "on_road_rate": share([episode.on_road for episode in driven]),
         "ends": {name or "time": [e.end for e in driven].count(name) for name in sorted({e.end for e in driven})},
     }
     for name in asdict(driven[0]):
         values = [value for episode in driven if isinstance(value := getattr(episode, name), float)]
         if values:
-            summary[name] = {"value": float(np.mean(values)), "interval": bootstrap(values), "of": len(values)}
+            summary[name] = {**mean(values), "of": len(values)}
     return summary

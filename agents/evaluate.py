@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import gymnasium as gym
+import numpy as np
 import tyro
 from rich import box
 from rich.console import Console
@@ -34,8 +35,9 @@ class Args:
 
     env_id: str = "BicycleStab-v0"
     """Environment id."""
-    policy: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME|FOLDER [NAME|FOLDER ...]")] = ("lqr", "zero")
-    """Controllers by name, listed above, or folders with policy.safetensors and policy.json, as train writes them."""
+    policy: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME|FOLDER|FILE.json [...]")] = ("lqr", "zero")
+    """Controllers by name, listed above; folders with policy.safetensors and policy.json, as train writes them; .json
+    files of LQR's weights, as tune writes them."""
     episodes: int = 100
     """Episodes per policy."""
     seed: int = 1
@@ -50,6 +52,7 @@ DEGREES = 57.29577951308232
 # (key, heading, factor to the shown unit, format)
 COLUMNS = (
     ("success_rate", "success\n[%]", 100.0, ".1f"),
+    ("on_road_rate", "on the\nroad [%]", 100.0, ".1f"),
     ("episode_return", "mean\nreturn", 1.0, ".1f"),
     ("peak_sideslip", "peak side-\nslip [deg]", DEGREES, ".1f"),
     ("steering_effort", "steering\neffort [deg]", DEGREES, ".2f"),
@@ -94,8 +97,16 @@ def parse_keywords(text: str) -> dict[str, Any]:
 
 
 def find_policy(name: str, env: gym.Env) -> control.Policy:
-    """A controller by its name, or a trained policy by its folder, checked against the environment."""
+    """A controller by its name, a trained policy by its folder, or LQR with the weights in a file.
+
+    UserError for one that does not fit the environment.
+    """
     plant: Any = env.unwrapped
+    if name.endswith(".json"):
+        try:
+            return control.LQR(plant, control.read_weights(name))
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise UserError(f"{name}: {error}") from None
     if name in control.NAMES or not Path(name).is_dir():
         try:
             return control.make(name, env)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,17 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
     centre = (share + z2 / (2 * trials)) / (1 + z2 / trials)
     half = Z_95 * math.sqrt(share * (1 - share) / trials + z2 / (4 * trials**2)) / (1 + z2 / trials)
     return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def share(flags: ArrayLike) -> dict[str, Any]:
+    """The share of true flags with its 95 % interval."""
+    flags = np.asarray(flags, bool)
+    return {"value": float(np.mean(flags)), "interval": wilson(int(np.sum(flags)), len(flags))}
+
+
+def mean(values: ArrayLike) -> dict[str, Any]:
+    """The mean with its 95 % bootstrap interval."""
+    return {"value": float(np.mean(np.asarray(values, float))), "interval": bootstrap(values)}
 
 
 def iqm(values: ArrayLike) -> float:

@@ -54,6 +54,7 @@ ROWS = {
     "wrappers": Row({*BELOW_ENVS, "envs", "files"}, {"gymnasium", "numpy"}),
     "wrappers.sb3_vec_env": Row(set(), {"gymnasium", "numpy", "stable_baselines3"}),  # imported when first named
     "plots": Row({*BELOW_ENVS, "files"}, {"numpy"}, lazy_packages={"matplotlib"}),
+    "optimum": Row({*BELOW_ENVS, "control", "envs"}, {"gymnasium", "numpy"}),  # on top: no other row names it
     "registration": Row(set(), {"gymnasium"}),
     "root": Row({"physics", "analysis", "registration"}, set(), lazy_layers={"plots", "rendering"}),
     "report": Row(EVERYTHING | {"report"}, {"numpy", "scipy"}, lazy_packages={"matplotlib", "gymnasium", "control"}),
@@ -211,6 +212,8 @@ def test_the_layers_exist():
         ("rendering", "from bicycle_env.control import LQR"),
         ("rendering", "import matplotlib"),
         ("wrappers", "def f():\n    from bicycle_env.report import tables"),
+        ("control", "from bicycle_env.optimum import tune_weights"),
+        ("envs", "def f():\n    from bicycle_env.optimum import search_steering"),
         ("wrappers", "def f():\n    import stable_baselines3"),
         ("envs", "from bicycle_env.cli import main"),
         ("root", "import gymnasium"),

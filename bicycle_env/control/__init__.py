@@ -5,7 +5,7 @@ from __future__ import annotations
 from bicycle_env.control.driver import DRIVERS
 from bicycle_env.control.four_wheel_steer import REAR_LAWS, DriverAndLaw
 from bicycle_env.control.lqg import LQG
-from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, Weights
+from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, Weights, read_weights, tuned_weights
 from bicycle_env.control.mpc import MPC
 from bicycle_env.control.network import Network, load
 from bicycle_env.control.pole_placement import PolePlacement
@@ -32,4 +32,6 @@ __all__ = [
     "descriptions",
     "load",
     "make",
+    "read_weights",
+    "tuned_weights",
 ]

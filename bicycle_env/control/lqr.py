@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from importlib import resources
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuo
 from bicycle_env.control.design import continuous_preview_gain, preview_gain, zero_order_hold
 from bicycle_env.control.policy import Array, Plant, Policy
 from bicycle_env.control.reading import Reading, interpolation
-from bicycle_env.physics.validation import checked_speed, choice, number
+from bicycle_env.physics.validation import checked_speed, choice, number, positive
 
 Matrix = NDArray[np.float64]
 
@@ -39,9 +40,26 @@ class Weights(NamedTuple):
 
 
 def tuned_weights(task_name: str) -> Weights:
-    """The weights that agents/tune_lqr.py found for a task."""
+    """The weights that come with the package for a task; the file says how they were found."""
     text = resources.files("bicycle_env.control").joinpath("lqr_weights.json").read_text()
     return Weights(**json.loads(text)[task_name]["weights"])
+
+
+def read_weights(path: str | Path) -> Weights:
+    """The weights in a file that agents/tune.py wrote; nothing in it is executed.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is not JSON, or its "weights" are not the fields of ``Weights`` with positive numbers.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"a file of weights must be JSON: {error}") from None
+    given = content.get("weights") if isinstance(content, dict) else None
+    if not isinstance(given, dict) or set(given) != set(Weights._fields):
+        raise ValueError(f'a file of weights must have "weights" with the numbers {", ".join(Weights._fields)}')
+    return Weights(**{name: positive(f"weights[{name!r}]", value) for name, value in given.items()})
 
 
 def continuous_design_model(plant: Plant, speed: float | None = None) -> LinearModel:

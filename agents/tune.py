@@ -1,0 +1,142 @@
+"""Tune the LQR's weights for an environment, so that what it is compared with is a good regulator and not a straw man.
+
+    python -m agents.tune --env-id BicycleStab-v0 --env-keywords '{"friction": 0.4}' --out runs/icy.json
+    python -m agents.evaluate --env-keywords '{"friction": 0.4}' --policy runs/icy.json lqr
+
+The cross-entropy method over the logarithms of the weights, several times from random places, thousands of cars at once
+(bicycle_env.optimum.tune_weights). The score is the success rate plus the mean reward per step. Candidates are scored
+on starts of their own, and the best is chosen on others; no evaluation uses either.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from rich import box
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from agents import messages
+from agents.episodes import start_seeds
+from agents.evaluate import console_for_tables, make_env, parse_keywords
+from agents.messages import UserError
+from bicycle_env import optimum, provenance
+from bicycle_env.files import write_json
+
+TUNING_STARTS, SELECTION_STARTS = 128, 1000
+
+
+@dataclass
+class Args:
+    """Find weights for the LQR in one environment."""
+
+    env_id: str = "BicycleStab-v0"
+    """Environment id."""
+    env_keywords: str = "{}"
+    """Keywords of the environment as JSON, for example '{"speed_ratio": 1.3, "steer": "rear"}'."""
+    restarts: int = 5
+    """How often the search begins anew, from other random weights."""
+    iterations: int = 10
+    """Of each."""
+    seed: int = 0
+    """Of the search and of its starts."""
+    out: Path | None = None
+    """Weights file; by default runs/ENV_ID-weights.json."""
+
+
+def tune(
+    env_id: str, keywords: dict[str, Any], seed: int, bar: Progress, *, restarts: int = 5, iterations: int = 10
+) -> optimum.Tuning:
+    """Tune for one environment on the starts that are kept for it, with a line in the progress bar."""
+    job = bar.add_task("tuning the LQR's weights", total=restarts * iterations)
+    try:
+        return optimum.tune_weights(
+            env_id,
+            keywords,
+            start_seeds(TUNING_STARTS, seed, "tune"),
+            start_seeds(SELECTION_STARTS, seed, "select"),
+            restarts=restarts,
+            iterations=iterations,
+            seed=seed,
+            progress=lambda done, _: bar.update(job, completed=done),
+        )
+    except np.linalg.LinAlgError as error:
+        raise UserError(str(error)) from None
+
+
+def record(tuning: optimum.Tuning) -> dict[str, Any]:
+    """What a results file says about a tuning; "weights" are the best."""
+    rates = [candidate.success_rate for candidate in tuning.restarts]
+    rows = {"best": tuning.best, "shipped": tuning.shipped}
+    return {
+        "weights": tuning.best.weights._asdict(),
+        "tuning_starts": TUNING_STARTS,
+        "selection_starts": SELECTION_STARTS,
+        "on_selection_starts": {
+            **{name: _figures(candidate) for name, candidate in rows.items()},
+            "restarts": [_figures(candidate) for candidate in tuning.restarts],
+            "success_rate_of_restarts": [min(rates), max(rates)],
+        },
+    }
+
+
+def _figures(candidate: Any) -> dict[str, Any]:
+    return {**candidate._asdict(), "weights": candidate.weights._asdict()}
+
+
+def table(tuning: optimum.Tuning) -> Table:
+    """The best, every restart and the shipped weights, for people."""
+    shown = Table(title=f"on {SELECTION_STARTS} starts that select", box=box.SIMPLE_HEAD, title_justify="left")
+    for name in ("", "success %", "on road %", "return", *tuning.best.weights._fields):
+        shown.add_column(name.replace("_", " "), justify="right" if name else "left")
+    rows = {"best": tuning.best, "shipped": tuning.shipped}
+    rows |= {f"restart {k}": candidate for k, candidate in enumerate(tuning.restarts)}
+    for name, one in rows.items():
+        figures = (f"{100 * one.success_rate:.1f}", f"{100 * one.on_road_rate:.1f}", f"{one.mean_return:.1f}")
+        shown.add_row(name, *figures, *(f"{weight:.4g}" for weight in one.weights))
+    return shown
+
+
+def main() -> None:
+    args = tyro.cli(Args, prog="python -m agents.tune", description=__doc__)
+    for name in ("restarts", "iterations"):
+        if getattr(args, name) < 1:
+            raise UserError(f"--{name} must be at least 1, got {getattr(args, name)}")
+    if args.seed < 0:
+        raise UserError(f"--seed must be at least 0, got {args.seed}")
+    keywords = parse_keywords(args.env_keywords)
+    make_env(args.env_id, keywords)
+    console = console_for_tables()
+    begin = time.perf_counter()
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        tuning = tune(args.env_id, keywords, args.seed, bar, restarts=args.restarts, iterations=args.iterations)
+    console.print(table(tuning))
+    rates = [100 * candidate.success_rate for candidate in tuning.restarts]
+    console.print(f"success of the {args.restarts} restarts: {min(rates):.1f} to {max(rates):.1f} %")
+    out = args.out or Path("runs") / f"{args.env_id}-weights.json"
+    write_json(
+        out,
+        {
+            "command": f"python -m agents.tune --env-id {args.env_id} --restarts {args.restarts} "
+            f"--iterations {args.iterations} --seed {args.seed}"
+            + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""),
+            **provenance.collect(),
+            "seconds": round(time.perf_counter() - begin, 1),
+            "env_id": args.env_id,
+            "env_keywords": keywords,
+            **record(tuning),
+        },
+    )
+    console.print(
+        f"weights: {out}; drive with them: python -m agents.evaluate --env-id {args.env_id} --policy {out} lqr"
+    )
+
+
+if __name__ == "__main__":
+    messages.run(main)
