@@ -4,9 +4,9 @@
 
 Each condition is a variant of BicycleStab-v0. Drivers: nobody; LQR with the weights that come with the package; LQR
 with weights tuned for the condition, on starts of their own; the best steering that a search finds for each single
-start in the true simulator, added to the tuned LQR. The bound is the share of the starts that lie in the four-state recoverable
-set: in the lane, with road wheels that follow at once. The search says what can be saved for certain, the bound what
-cannot: the truth lies between.
+start in the true simulator, added to the tuned LQR. The bound is the share of the starts that lie in the four-state
+recoverable set: in the lane, with road wheels that follow at once. What the search saves can be saved for certain, what
+lies outside the bound cannot; the truth is between the two.
 """
 
 from __future__ import annotations

@@ -48,8 +48,8 @@ def search_steering(
     feedback: Policy,
     seeds: Sequence[int],
     *,
-    samples: int = 160,
-    iterations: int = 30,
+    samples: int = 192,
+    iterations: int = 40,
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
 ) -> list[Rescue]:
