@@ -10,7 +10,7 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all lint stab lane-change controllers room results benchmark benchmark-vector compat gymnasium-versions clean
+.PHONY: help demo test test-all lint stab lane-change controllers headroom results benchmark benchmark-vector compat gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/*.png"
@@ -20,7 +20,7 @@ help:
 	@echo "make stab                learn to catch the car with ten seeds: runs/BicycleStab-v0-ppo.json"
 	@echo "make lane-change         learn the lane change with five seeds: runs/BicycleLaneChange-v0-ppo.json (6 minutes)"
 	@echo "make controllers         all classical controllers on both tasks: runs/controllers_*.json"
-	@echo "make room                what could be saved beside what controllers save: runs/room.json, .png"
+	@echo "make headroom            LQR as shipped, tuned for the condition, best found, bound: runs/headroom.json, .png (15 minutes)"
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
 	@echo "make results             all of these into results/, and the tables and pictures of the README and docs/ (hours)"
@@ -63,8 +63,8 @@ controllers: $(VENV)/.installed-test
 	$(BIN)/python -m agents.evaluate --env-id BicycleLaneChange-v0 --policy $(CONTROLLERS) --episodes 200 \
 		--json $(OUT)/controllers_lane_change.json
 
-room: $(VENV)/.installed-demo
-	$(BIN)/python -m agents.room --json $(OUT)/room.json
+headroom: $(VENV)/.installed-demo
+	$(BIN)/python -m agents.headroom --json $(OUT)/headroom.json
 
 benchmark: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/single_env.py --json $(OUT)/single_env.json
@@ -76,7 +76,7 @@ benchmark-vector: $(VENV)/.installed-bench
 
 # The rows of benchmarks that fall short on a machine stand in their tables: the others are made all the same.
 results:
-	$(MAKE) OUT=results demo stab lane-change controllers room
+	$(MAKE) OUT=results demo stab lane-change controllers headroom
 	-$(MAKE) -k OUT=results benchmark benchmark-vector
 	cp results/performance.png docs/performance.png
 	$(BIN)/python tools/readme_tables.py

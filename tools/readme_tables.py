@@ -37,13 +37,15 @@ def demo() -> str:
     result = read("demo.json")
     names = {"zero": "uncontrolled", "lqr": "LQR", "learned": "PPO, one seed"}
     lines = [
-        "| 200 starts, the same | success [%] | mean return (of 400) | peak sideslip [deg] | steering effort [deg] |",
-        "|---|---|---|---|---|",
+        "| 200 starts, the same | success [%] | on the road [%] | mean return (of 400) | peak sideslip [deg] "
+        "| steering effort [deg] |",
+        "|---|---|---|---|---|---|",
     ]
     for key, name in names.items():
         row = result["policies"][key]
         lines.append(
-            f"| {name} | {cell(row, 'success_rate', 100)} | {cell(row, 'episode_return')} "
+            f"| {name} | {cell(row, 'success_rate', 100)} | {cell(row, 'on_road_rate', 100)} "
+            f"| {cell(row, 'episode_return')} "
             f"| {cell(row, 'peak_sideslip', DEGREES)} | {cell(row, 'steering_effort', DEGREES, '.2f')} |"
         )
     more = (
@@ -80,12 +82,14 @@ def learning(file: str, columns: list[tuple[str, str, float, str]]) -> str:
 
 STAB = [
     ("success_rate", "success [%]", 100, ".1f"),
+    ("on_road_rate", "on the road [%]", 100, ".1f"),
     ("episode_return", "mean return (of 400)", 1, ".1f"),
     ("peak_sideslip", "peak sideslip [deg]", DEGREES, ".1f"),
     ("steering_effort", "steering effort [deg]", DEGREES, ".2f"),
 ]
 LANE_CHANGE = [
     ("success_rate", "success [%]", 100, ".1f"),
+    ("on_road_rate", "on the road [%]", 100, ".1f"),
     ("episode_return", "mean return (of 300)", 1, ".1f"),
     ("largest_tracking_error", "largest tracking error [m]", 1, ".2f"),
     ("overshoot", "overshoot [m]", 1, ".2f"),
@@ -119,7 +123,7 @@ def controllers_stab() -> str:
 
 
 def controllers_lane_change() -> str:
-    sideslip = STAB[2]
+    (sideslip,) = (column for column in STAB if column[0] == "peak_sideslip")
     return controllers("controllers_lane_change.json", [*LANE_CHANGE[:-1], sideslip])
 
 
@@ -172,19 +176,37 @@ def tensors() -> str:
     return "\n".join([*lines, "", made(result, f"one thread; GPU: {result['gpu']}. `results/torch_env.json`.")])
 
 
-def room() -> str:
-    result = read("room.json")
-    conditions = result["conditions"]
-    policies = [name for name in next(iter(conditions.values())) if name != "bound"]
-    heads = ["what some steering could save [%]", *(f"{name} [%]" for name in policies)]
-    lines = ["| condition | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
-    for name, row in conditions.items():
-        cells = [
-            f"{100 * row[key]['value']:.1f} [{100 * row[key]['interval'][0]:.1f}, {100 * row[key]['interval'][1]:.1f}]"
-            for key in ("bound", *policies)
-        ]
+HEADROOM = {"shipped": "LQR as shipped", "tuned": "LQR tuned for it", "search": "found by search"}
+
+
+def headroom() -> str:
+    result = read("headroom.json")
+    heads = ["uncontrolled", *HEADROOM.values(), "upper bound"]
+    lines = ["| success [%] | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    for name, row in result["conditions"].items():
+        cells = [cell(row[key], "success_rate", 100) for key in ("uncontrolled", *HEADROOM, "bound")]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return "\n".join([*lines, "", made(result, "`results/room.json`. In brackets: 95 % intervals.")])
+    seconds = [
+        f"{what} {min(values):.0f} to {max(values):.0f} s"
+        for what, key in (("tuning", "tuning"), ("search", "search"), ("bound", "bound"))
+        if (values := [row[key]["seconds"] for row in result["conditions"].values()])
+    ]
+    more = (
+        f"search seed 0; a condition takes: {', '.join(seconds)}, on one core; `results/headroom.json`. "
+        "In brackets: 95 % intervals."
+    )
+    return "\n".join([*lines, "", made(result, more)])
+
+
+def headroom_return() -> str:
+    conditions = read("headroom.json")["conditions"]
+    heads = [f"{what}, {name}" for what in ("on the road [%]", "return") for name in HEADROOM.values()]
+    lines = ["| | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    for name, row in conditions.items():
+        cells = [cell(row[key], "on_road_rate", 100) for key in HEADROOM]
+        cells += [cell(row[key], "episode_return") for key in HEADROOM]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
 
 
 TABLES = {
@@ -197,7 +219,8 @@ TABLES = {
         vector,
         one_car,
         tensors,
-        room,
+        headroom,
+        headroom_return,
         controllers_stab,
         controllers_lane_change,
     )

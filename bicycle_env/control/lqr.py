@@ -15,11 +15,14 @@ from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuo
 from bicycle_env.control.design import continuous_preview_gain, preview_gain, zero_order_hold
 from bicycle_env.control.policy import Array, Plant, Policy
 from bicycle_env.control.reading import Reading, interpolation
-from bicycle_env.physics.validation import checked_speed, choice, number, positive
+from bicycle_env.files import number_in, read_json, table
+from bicycle_env.physics.validation import checked_speed, choice, number
 
 Matrix = NDArray[np.float64]
 
 DISCRETISATIONS = ("rk4", "zoh")
+WEIGHT_RANGE = (1e-9, 1e9)
+"""Of the weights in a file."""
 
 
 class Weights(NamedTuple):
@@ -49,17 +52,12 @@ def read_weights(path: str | Path) -> Weights:
     """The weights in a file that agents/tune.py wrote; nothing in it is executed.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: it is not JSON, or its "weights" are not the fields of ``Weights`` with positive numbers.
+        ValueError: a damaged file, or one whose "weights" are not the fields of ``Weights`` with positive numbers.
+        OSError: the file cannot be read.
     """
-    try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"a file of weights must be JSON: {error}") from None
-    given = content.get("weights") if isinstance(content, dict) else None
-    if not isinstance(given, dict) or set(given) != set(Weights._fields):
-        raise ValueError(f'a file of weights must have "weights" with the numbers {", ".join(Weights._fields)}')
-    return Weights(**{name: positive(f"weights[{name!r}]", value) for name, value in given.items()})
+    weights = table(dict.fromkeys(Weights._fields, number_in(*WEIGHT_RANGE)))
+    content = read_json(path, table({"weights": weights}, others=True))
+    return Weights(**content["weights"])
 
 
 def continuous_design_model(plant: Plant, speed: float | None = None) -> LinearModel:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import subprocess
@@ -13,7 +14,8 @@ import pytest
 from combinations import only_all, some_of
 
 import bicycle_env  # noqa: F401
-from agents.episodes import drive, evaluate, start_seeds, summarise
+from agents.episodes import PURPOSES, drive, evaluate, start_seeds, summarise
+from agents.evaluate import COLUMNS
 from agents.messages import UserError
 from bicycle_env import control
 
@@ -56,7 +58,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(words, text):
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("module", some_of(["train", "evaluate", "benchmark", "demo", "tune_lqr"], ["train"]))
+@pytest.mark.parametrize("module", some_of(["train", "evaluate", "benchmark", "demo", "tune", "headroom"], ["train"]))
 def test_help_teaches(module):
     done = command(f"agents.{module}", "--help")
     assert done.returncode == 0
@@ -80,6 +82,28 @@ def test_all_policies_drive_from_the_same_starts():
             states.append(env.unwrapped.state)
     assert states[:3] == states[3:]
     assert start_seeds(3, 7) != start_seeds(3, 8)
+
+
+def test_starts_of_different_purposes_are_different():
+    many = {purpose: set(start_seeds(1000, 1, purpose)) for purpose in PURPOSES}
+    assert start_seeds(1000, 1) == start_seeds(1000, 1, "report")
+    assert start_seeds(2, 1) == [1791095845, 4282876139]  # those of every table so far
+    for one, other in itertools.combinations(PURPOSES, 2):
+        assert not many[one] & many[other]
+    # They are different for any two seeds: the purpose stands above the random bits.
+    assert {seed >> 32 for purpose in PURPOSES for seed in many[purpose]} == {0, 1, 2}
+
+
+def test_on_the_road_is_not_success():
+    """With a time limit shorter than a car takes to settle, nobody succeeds, and some are still on the road."""
+    env = gym.make("BicycleStab-v0", telemetry=True, max_episode_steps=40)
+    driven = evaluate(env, control.make("lqr", env), 10, 1)
+    on_road = [episode.on_road for episode in driven]
+    assert not any(episode.success for episode in driven)
+    assert on_road == [episode.end == "" for episode in driven]
+    assert 0 < sum(on_road) < 10
+    assert summarise(driven)["on_road_rate"]["value"] == sum(on_road) / 10
+    assert any(key == "on_road_rate" for key, *_ in COLUMNS)
 
 
 def test_figures_of_an_episode_by_hand():
