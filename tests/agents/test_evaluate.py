@@ -87,7 +87,7 @@ def test_all_policies_drive_from_the_same_starts():
 def test_starts_of_different_purposes_are_different():
     many = {purpose: set(start_seeds(1000, 1, purpose)) for purpose in PURPOSES}
     assert start_seeds(1000, 1) == start_seeds(1000, 1, "report")
-    assert start_seeds(2, 1) == [1791095845, 4282876139]  # those of every table so far
+    assert start_seeds(2, 1) == [1835504127, 1731038949]  # those of every table so far
     for one, other in itertools.combinations(PURPOSES, 2):
         assert not many[one] & many[other]
     # They are different for any two seeds: the purpose stands above the random bits.

@@ -20,11 +20,13 @@ from bicycle_env import control
 from bicycle_env.envs.bicycle_stab import BicycleStabVectorEnv
 from bicycle_env.wrappers import RecordSuccess
 
+SHORT = Path(__file__).with_name("short_runs.toml")
 STEPS = {"ppo": 4096, "sac": 1200, "td3": 1200}
 
 
 def quick(algo: str, folder: Path, **changes: object) -> train.Args:
-    values = {"algo": algo, "seed": 3, "total_timesteps": STEPS[algo], "out": folder, "quiet": True, **changes}
+    values = {"algo": algo, "seed": 3, "total_timesteps": STEPS[algo], "out": folder, "quiet": True, "config": SHORT}
+    values |= changes
     return train.Args(**values)
 
 
