@@ -25,7 +25,8 @@ STEPS = {"ppo": 4096, "sac": 1200, "td3": 1200}
 
 
 def quick(algo: str, folder: Path, **changes: object) -> train.Args:
-    values = {"algo": algo, "seed": 3, "total_timesteps": STEPS[algo], "out": folder, "quiet": True, "config": SHORT}
+    values = {"algo": algo, "seed": 3, "total_timesteps": STEPS[algo], "out": folder, "quiet": True}
+    values["config"] = None if "env_id" in changes else SHORT
     values |= changes
     return train.Args(**values)
 
