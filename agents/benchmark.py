@@ -7,7 +7,6 @@ Writes runs/ENV_ID-ALGO.json and, beside it, a picture of the learning curves an
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import time
@@ -17,18 +16,20 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.progress import Progress
 
 from agents import messages, pictures, settings
 from agents.episodes import evaluate, hardest_saved, summarise
 from agents.evaluate import COLUMNS, MORE_COLUMNS, console_for_tables, find_policy, make_env, table
 from agents.messages import UserError
 from agents.statistics import bootstrap, iqm
-from bicycle_env import control, provenance
-from bicycle_env.files import write_json
+from bicycle_env import control, files, provenance
 
 ALWAYS = ("lqr", "zero")
+PROGRESS = files.table({"timesteps": files.whole_in(0, 10**12)}, others=True)
+RUN = files.table(
+    {"seed": files.whole_in(0, 10**12), "timesteps": files.whole_in(0, 10**12), "seconds": files.number_in(0, 1e12)},
+    others=True,
+)
 
 
 @dataclass
@@ -66,7 +67,7 @@ def train_all(args: Args, folder: Path, total: int) -> list[Path]:
     folders = [folder / f"seed{seed}" for seed in range(args.seeds)]
     waiting = [(seed, place) for seed, place in enumerate(folders) if not (place / "policy.json").is_file()]
     running: dict[Path, tuple[subprocess.Popen[str], Any]] = {}
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with messages.progress() as bar:
         while waiting or running:
             while waiting and len(running) < args.jobs:
                 seed, place = waiting.pop(0)
@@ -79,7 +80,7 @@ def train_all(args: Args, folder: Path, total: int) -> list[Path]:
             for place, (process, job) in list(running.items()):
                 progress = place / "checkpoint" / "progress.json"
                 if progress.is_file():
-                    bar.update(job, completed=json.loads(progress.read_text(encoding="utf-8"))["timesteps"])
+                    bar.update(job, completed=files.read_json(progress, PROGRESS)["timesteps"])
                 if process.poll() is not None:
                     del running[place]
                     bar.update(job, completed=total)
@@ -107,6 +108,9 @@ def main() -> int:
     args = tyro.cli(Args, prog="python -m agents.benchmark", description=__doc__)
     if args.seeds < 1 or args.jobs < 1:
         raise UserError(f"--seeds and --jobs must be at least 1, got {args.seeds} and {args.jobs}")
+    out = args.out or Path("runs") / f"{args.env_id}-{args.algo}.json"
+    messages.check_output("--out", out)
+    messages.check_output("--runs", args.runs, folder=True)
     console = console_for_tables()
     env = make_env(args.env_id, {"telemetry": True})
     by_name = {name: find_policy(name, env) for name in (*ALWAYS, *args.controllers)}
@@ -121,7 +125,7 @@ def main() -> int:
     seeds = [summarise(driven) for driven in learned]
     trainings = []
     for place in folders:
-        run = json.loads((place / "run.json").read_text(encoding="utf-8"))
+        run = files.read_json(place / "run.json", RUN)
         trainings.append({key: run[key] for key in ("seed", "timesteps", "seconds")})
     whole = aggregate(seeds)
     algo = args.algo.upper()
@@ -129,10 +133,9 @@ def main() -> int:
     console.print(table(f"{args.env_id}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows))
     console.print(table(f"over {args.seeds} seeds: interquartile mean [95 % bootstrap interval]", {algo: whole}))
 
-    out = args.out or Path("runs") / f"{args.env_id}-{args.algo}.json"
     lqr = controllers["lqr"]["success_rate"]["value"]
     shares = [row["success_rate"]["value"] for row in seeds]
-    write_json(
+    files.write_json(
         out,
         {
             "command": f"python -m agents.benchmark --env-id {args.env_id} --algo {args.algo} --seeds {args.seeds}"

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import tyro
-from rich.console import Console
 from rich.progress import track
 
 from agents import messages, train
@@ -48,6 +47,8 @@ def main() -> int:
     from agents import pictures
 
     args = tyro.cli(Args, prog="python -m agents.demo", description=__doc__)
+    messages.check_output("--out", args.out / "demo.json")
+    messages.check_output("--out", args.out / "demo", folder=True)
     console = console_for_tables()
     begin = time.perf_counter()
     folder = Path("runs") / time.strftime("demo-%Y%m%d-%H%M%S")
@@ -68,7 +69,7 @@ def main() -> int:
     console.print(f"\n2/3  evaluating on the same {args.episodes} starts")
     driven = {
         name: evaluate(env, policy, args.episodes, args.evaluation_seed)
-        for name, policy in track(policies.items(), "evaluating", console=Console(stderr=True), transient=True)
+        for name, policy in track(policies.items(), "evaluating", console=messages.console(stderr=True), transient=True)
     }
     rows = {name: summarise(episodes) for name, episodes in driven.items()}
     console.print(table(f"{ENV_ID}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows))

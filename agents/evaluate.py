@@ -15,18 +15,19 @@ from typing import Annotated, Any
 import gymnasium as gym
 import numpy as np
 import tyro
+from gymnasium.envs.registration import load_env_creator
 from rich import box
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import messages
+from agents import messages, trained
 from agents.episodes import evaluate, summarise
 from agents.messages import UserError
 from bicycle_env import control, provenance
-from bicycle_env.files import write_json
+from bicycle_env.envs.single_track_env import SingleTrackEnv
+from bicycle_env.files import anything, mapping, parse_json, shown, write_json
 
 
 @dataclass
@@ -42,8 +43,9 @@ class Args:
     """Episodes per policy."""
     seed: int = 1
     """Seed of the starts; all policies drive from the same ones."""
-    env_keywords: str = "{}"
-    """Keywords of the environment as JSON, for example '{"speed_ratio": 1.3, "steer": "rear"}'."""
+    env_keywords: str | None = None
+    """Keywords of the environment as JSON, for example '{"speed_ratio": 1.3, "steer": "rear"}'. By default those that
+    the trained policies among --policy were trained with, if all agree; they serve the controllers too."""
     json: Path | None = None
     """Also write the figures to this file."""
 
@@ -75,24 +77,35 @@ def make_vector_env(env_id: str, number: int, keywords: dict[str, Any]) -> gym.v
     return _made(env_id, lambda: gym.make_vec(env_id, number, autoreset_mode="SameStep", **keywords))
 
 
+def environment(env_id: str) -> type[SingleTrackEnv]:
+    """The class behind an id; UserError unless the id is known and the class one of this package's kind."""
+    ids = ", ".join(sorted(name for name in gym.registry if name.startswith("Bicycle")))
+    try:
+        entry: Any = gym.spec(env_id).entry_point
+        found = load_env_creator(entry) if isinstance(entry, str) else entry
+    except (gym.error.Error, ImportError, AttributeError, ValueError) as error:
+        raise UserError(f"{shown(error)} Ids of this package: {ids}") from None
+    if not (isinstance(found, type) and issubclass(found, SingleTrackEnv)):
+        raise UserError(f"--env-id must be an environment of this package, {ids}; got {env_id!r}")
+    return found
+
+
 def _made(env_id: str, make: Callable[[], Any]) -> Any:
+    environment(env_id)
     try:
         return make()
     except gym.error.Error as error:
-        ids = ", ".join(sorted(name for name in gym.registry if name.startswith("Bicycle")))
-        raise UserError(f"{error} Ids of this package: {ids}") from None
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{env_id}: {error}") from None
+        raise UserError(shown(error)) from None
+    except (TypeError, ValueError, OSError) as error:
+        raise UserError(f"{env_id}: {shown(error)}") from None
 
 
 def parse_keywords(text: str) -> dict[str, Any]:
     """Environment keywords from JSON text."""
     try:
-        keywords = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise UserError(f"--env-keywords must be a JSON object, got {text!r}: {error}") from None
-    if not isinstance(keywords, dict):
-        raise UserError(f"--env-keywords must be a JSON object, got {text!r}")
+        keywords: dict[str, Any] = parse_json(text, "--env-keywords", mapping(anything))
+    except ValueError as error:
+        raise UserError(f"{error}; it must be a JSON object, got {shown(repr(text))}") from None
     return keywords
 
 
@@ -101,29 +114,19 @@ def find_policy(name: str, env: gym.Env) -> control.Policy:
 
     UserError for one that does not fit the environment.
     """
-    plant: Any = env.unwrapped
     if name.endswith(".json"):
         try:
-            return control.LQR(plant, control.read_weights(name))
+            return control.LQR(env.unwrapped, control.read_weights(name))
         except (ValueError, np.linalg.LinAlgError) as error:
-            raise UserError(f"{name}: {error}") from None
-    if name in control.NAMES or not Path(name).is_dir():
+            raise UserError(shown(error)) from None
+    if not trained.is_trained(name):
         try:
             return control.make(name, env)
         except ValueError as error:
             missing = "" if name in control.NAMES else f" There is no folder {name!r} of a trained policy either."
             raise UserError(f"{error}{missing}") from None
-    try:
-        network = control.load(name)
-    except ValueError as error:
-        raise UserError(str(error)) from None
-    expected, axles = list(plant.observation_names), plant.action_space.shape[0]
-    names, actions = network.description["observation_names"], network.description["layers"][-1][0]
-    if names != expected or actions != axles:
-        raise UserError(
-            f"{name} was trained for {network.description['env_id']} with {len(names)} observations and {actions} "
-            f"actions; this environment has {len(expected)} and {axles}"
-        )
+    network = trained.load(name)
+    trained.check_fit(name, network, env)
     return network
 
 
@@ -155,8 +158,8 @@ def table(title: str, rows: dict[str, dict[str, Any]]) -> Table:
 
 def console_for_tables() -> Console:
     """Standard output; wide enough for the tables where it is no terminal."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=150)
+    console = messages.console()
+    return console if console.is_terminal else messages.console(width=150)
 
 
 def main() -> None:
@@ -165,16 +168,25 @@ def main() -> None:
         raise UserError(f"--episodes must be at least 1, got {args.episodes}")
     if args.seed < 0:
         raise UserError(f"--seed must be at least 0, got {args.seed}")
-    keywords = {**parse_keywords(args.env_keywords), "telemetry": True}
+    messages.check_output("--json", args.json)
+    made_by = environment(args.env_id)
+    networks = {name: trained.load(name) for name in args.policy if trained.is_trained(name)}
+    if args.env_keywords is None:
+        chosen = trained.common_keywords(networks, made_by)
+    else:
+        chosen = parse_keywords(args.env_keywords)
+    keywords = {**chosen, "telemetry": True}
     env = make_env(args.env_id, keywords)
     policies = {name: find_policy(name, env) for name in args.policy}
     console = console_for_tables()
-    for name, policy in policies.items():
-        trained = policy.description.get("env_keywords", {}) if isinstance(policy, control.Network) else {}
-        if isinstance(policy, control.Network) and trained != parse_keywords(args.env_keywords):
-            console.print(f"note: {name} was trained with the environment keywords {trained}")
+    if args.env_keywords is None and chosen:
+        console.print(f"environment keywords, as in training: {json.dumps(chosen)}")
+    for name, network in networks.items():
+        before = network.description.get("env_keywords", {})
+        if before != chosen:
+            console.print(f"note: {name} was trained with the environment keywords {shown(json.dumps(before))}")
     rows, seconds = {}, {}
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with messages.progress() as bar:
         for name, policy in policies.items():
             job = bar.add_task(name, total=args.episodes)
             start = time.perf_counter()
@@ -190,7 +202,7 @@ def main() -> None:
             {
                 "command": f"python -m agents.evaluate --env-id {args.env_id} --policy {' '.join(args.policy)} "
                 f"--episodes {args.episodes} --seed {args.seed}"
-                + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""),
+                + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords is not None else ""),
                 **provenance.collect(),
                 "env_id": args.env_id,
                 "env_keywords": keywords,

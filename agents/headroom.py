@@ -22,7 +22,6 @@ import gymnasium as gym
 import numpy as np
 import tyro
 from rich import box
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
@@ -191,7 +190,7 @@ def study(args: Args) -> tuple[dict[str, dict[str, Any]], dict[str, list[dict[st
     rows, sequences = {}, {}
     for name, keywords in CONDITIONS.items():
         if args.only in name:
-            with Progress(console=Console(stderr=True), transient=True) as bar:
+            with messages.progress() as bar:
                 bar.add_task(f"[bold]{name}", total=None)
                 rows[name], sequences[name] = condition(keywords, args, bar)
     return rows, sequences
@@ -257,6 +256,7 @@ def main() -> None:
             raise UserError(f"--{name.replace('_', '-')} must be at least 0, got {getattr(args, name)}")
     if not any(args.only in name for name in CONDITIONS):
         raise UserError(f"--only must be a part of one of: {', '.join(CONDITIONS)}; got {args.only!r}")
+    messages.check_output("--json", args.json)
     console = console_for_tables()
     begin = time.perf_counter()
     rows, sequences = study(args)

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from bicycle_env.files import checked_output, checked_output_folder, shown
 from bicycle_env.physics.compiled import CompilerDisabledError
 from bicycle_env.streams import take_any_text
 
@@ -24,3 +29,28 @@ def run(main: Callable[[], int | None]) -> None:
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         sys.exit(130)
+
+
+def console(stderr: bool = False, width: int | None = None) -> Console:
+    """Where a command prints: text is text, whatever brackets a policy's name or a folder's has."""
+    return Console(stderr=stderr, highlight=False, markup=False, width=width)
+
+
+def progress(transient: bool = True) -> Progress:
+    """A bar on standard error; descriptions are text, as on :func:`console`."""
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+    return Progress(*columns, console=console(stderr=True), transient=transient)
+
+
+def check_output(option: str, path: Path | None, folder: bool = False) -> None:
+    """Refuse, before any work, a file (or a folder to write into) that cannot be written; None is fine.
+
+    Raises:
+        UserError: one line that names the option and the path.
+    """
+    if path is None:
+        return
+    try:
+        (checked_output_folder if folder else checked_output)(path)
+    except OSError as error:
+        raise UserError(f"{option}: cannot write {shown(error.filename or path)}: {error.strerror}") from None

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from agents.messages import UserError
+from bicycle_env.files import read_toml
 
 CONFIGS = Path(__file__).parent / "configs"
 ALGORITHMS = ("ppo", "sac", "td3")
@@ -30,9 +30,9 @@ def read(env_id: str, algo: str, config: Path | None = None) -> Settings:
         shipped = ", ".join(sorted(file.stem for file in CONFIGS.glob("*.toml")))
         raise UserError(f"no settings file {path}; settings are shipped for: {shipped}")
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))[algo]
+        table = read_toml(path)[algo]
         return Settings(int(table["total_timesteps"]), int(table["n_envs"]), table["model"], table["network"])
     except KeyError as error:
         raise UserError(f"{path} has no {error} for {algo}") from None
-    except (tomllib.TOMLDecodeError, TypeError, ValueError) as error:
+    except (TypeError, ValueError) as error:
         raise UserError(f"{path} is not a settings file: {error}") from None

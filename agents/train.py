@@ -32,7 +32,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 
 import bicycle_env  # noqa: F401  (registers the environments)
 from agents import export, messages, settings
-from agents.evaluate import make_vector_env, parse_keywords
+from agents.evaluate import environment, make_vector_env, parse_keywords
 from agents.messages import UserError
 from bicycle_env import provenance
 from bicycle_env.files import write_bytes, write_json
@@ -192,6 +192,7 @@ def load_checkpoint(model: BaseAlgorithm, folder: Path) -> tuple[list[str], floa
 def train(args: Args, console: Console) -> Path:
     """Train as the arguments say; gives the run's folder."""
     keywords = parse_keywords(args.env_keywords)
+    environment(args.env_id)
     chosen = settings.read(args.env_id, args.algo, args.config)
     total = chosen.total_timesteps if args.total_timesteps is None else args.total_timesteps
     if total < 1:
@@ -296,7 +297,7 @@ def _summary(console: Console, args: Args, folder: Path, model: BaseAlgorithm, s
 def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.train", description=__doc__)
     with announcements.silenced(args.quiet):
-        train(args, Console())
+        train(args, messages.console())
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import tyro
 from rich import box
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
@@ -110,16 +109,17 @@ def main() -> None:
             raise UserError(f"--{name} must be at least 1, got {getattr(args, name)}")
     if args.seed < 0:
         raise UserError(f"--seed must be at least 0, got {args.seed}")
+    out = args.out or Path("runs") / f"{args.env_id}-weights.json"
+    messages.check_output("--out", out)
     keywords = parse_keywords(args.env_keywords)
     make_env(args.env_id, keywords)
     console = console_for_tables()
     begin = time.perf_counter()
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with messages.progress() as bar:
         tuning = tune(args.env_id, keywords, args.seed, bar, restarts=args.restarts, iterations=args.iterations)
     console.print(table(tuning))
     rates = [100 * candidate.success_rate for candidate in tuning.restarts]
     console.print(f"success of the {args.restarts} restarts: {min(rates):.1f} to {max(rates):.1f} %")
-    out = args.out or Path("runs") / f"{args.env_id}-weights.json"
     write_json(
         out,
         {

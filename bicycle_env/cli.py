@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from bicycle_env import __version__, report, tires
-from bicycle_env.files import shown
+from bicycle_env.files import checked_output_folder, shown
 from bicycle_env.physics import announcements
 from bicycle_env.physics.compiled import CompilerDisabledError
 from bicycle_env.physics.validation import choice
@@ -157,6 +157,8 @@ def run_report(chosen: argparse.Namespace) -> None:
     page = None
     if chosen.out == "":
         raise UserError("--out must name a folder, got ''")
+    if chosen.out is not None:
+        checked_output_folder(chosen.out)
     with announcements.silenced(chosen.quiet):
         if chosen.out is not None:
             page = report.write(study, chosen.out, tell)

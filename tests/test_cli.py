@@ -110,7 +110,7 @@ def mistakes(tmp_path):
         (["report", "--friction", "0"], "friction must be a finite number in"),
         (["report", "--grid", "5"], "grid must be a whole number in [31, 1001], got 5"),
         (["report", "--frictio", "1"], "unrecognized arguments: --frictio 1"),
-        (["report", "--out", str(tmp_path / "file")], "file: File exists"),
+        (["report", "--out", str(tmp_path / "file")], "file: Not a directory"),
         (["report", "--out", str(tmp_path / "file" / "folder")], "Not a directory"),
         (["vehicles", "civic"], "unrecognized arguments: civic"),
     ]

@@ -1,0 +1,92 @@
+"""Trained policies as the commands take them: a folder, and the environment keywords that it was trained with."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+from agents.messages import UserError
+from bicycle_env import control
+from bicycle_env.envs.single_track_env import SingleTrackEnv
+from bicycle_env.files import shown
+
+WORD = re.compile(r"[A-Za-z0-9_]{1,40}")
+LABELS = ("name", "source")  # of a vehicle: free text, which nothing reads
+NOT_FROM_A_FILE = {"self", "telemetry", "render_mode", "task_keywords"}
+LIMIT = "max_episode_steps"  # gym.make's own
+
+
+def is_trained(name: str) -> bool:
+    """Whether a --policy names a trained policy's folder, or something in its place, and no controller or weights."""
+    return name not in control.NAMES and not name.endswith(".json") and Path(name).exists()
+
+
+def load(name: str) -> control.Network:
+    """A trained policy; UserError in one line for whatever is wrong with its files."""
+    try:
+        return control.load(name)
+    except (ValueError, OSError) as error:
+        raise UserError(shown(error)) from None
+
+
+def keywords_of(name: str, network: control.Network, environment: type[SingleTrackEnv]) -> dict[str, Any]:
+    """The environment keywords in a policy's file, plain values only.
+
+    A policy may come from a stranger, so its file can name an environment's keywords (not a window to open), with
+    numbers, truth values, words and tables of these; never a file, a module or an id. The ranges are the environment's.
+
+    Raises:
+        UserError: it holds something else; the line says what, and that --env-keywords serves instead.
+    """
+    found: dict[str, Any] = network.description.get("env_keywords", {})
+    constructors = (SingleTrackEnv.__init__, environment.task_class.__init__)
+    allowed = {LIMIT, *(name for constructor in constructors for name in inspect.signature(constructor).parameters)}
+    try:
+        for key, value in found.items():
+            if key not in allowed - NOT_FROM_A_FILE:
+                raise ValueError(f"{key!r} is no keyword that a policy's file may set")
+            _check_plain(key, value)
+    except ValueError as error:
+        raise UserError(f"{shown(name)}: env_keywords: {shown(error)}; give --env-keywords") from None
+    return found
+
+
+def _check_plain(key: str, value: Any) -> None:
+    if isinstance(value, dict):
+        for inner, content in value.items():
+            _check_plain(inner, content)
+    elif isinstance(value, str) and key not in LABELS and not WORD.fullmatch(value):
+        raise ValueError(f"{key} must be a word, not the name of a file or a module, got {value!r}")
+    elif isinstance(value, list):
+        raise ValueError(f"{key} must be a number, a word or a table, got a list")
+
+
+def common_keywords(trained: dict[str, control.Network], environment: type[SingleTrackEnv]) -> dict[str, Any]:
+    """The environment keywords of all these policies; UserError if they differ: then the user must choose."""
+    each = {name: keywords_of(name, network, environment) for name, network in trained.items()}
+    different = {json.dumps(keywords, sort_keys=True) for keywords in each.values()}
+    if len(different) > 1:
+        listed = "; ".join(f"{shown(name)}: {json.dumps(keywords)}" for name, keywords in each.items())
+        raise UserError(f"the policies were trained with different keywords; choose with --env-keywords. {listed}")
+    return next(iter(each.values()), {})
+
+
+def check_fit(name: str, network: control.Network, env: gym.Env) -> None:
+    """UserError unless observations and actions are the environment's; the line names the keywords of both."""
+    plant: Any = env.unwrapped
+    description = network.description
+    expected, axles = list(plant.observation_names), plant.action_space.shape[0]
+    names, actions = description["observation_names"], description["layers"][-1][0]
+    if names == expected and actions == axles:
+        return
+    here = {} if env.spec is None else {key: value for key, value in env.spec.kwargs.items() if key != "telemetry"}
+    raise UserError(
+        f"{shown(name)} was trained for {shown(description['env_id'], 60)} with {len(names)} observations, {actions} "
+        f"actions and the keywords {shown(json.dumps(description.get('env_keywords', {})))}; this environment has "
+        f"{len(expected)} and {axles}, with the keywords {shown(here)}"
+    )

@@ -1,0 +1,186 @@
+"""Policies from files in the commands: their environment keywords, and what is refused before any work."""
+
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents import evaluate, messages, trained
+from agents.episodes import Episode
+from agents.messages import UserError
+from bicycle_env import control
+from bicycle_env.envs import BicycleLaneChangeEnv, BicycleStabEnv
+
+NAMES = list(gym.make("BicycleStab-v0").unwrapped.observation_names)
+SLOW = {"speed_ratio": 1.1, "steer": "both"}
+
+
+def save(folder, names=NAMES, axles=2, **description):
+    layer = np.zeros((axles, len(names)), np.float32), np.zeros(axles, np.float32)
+    content = {"env_id": "BicycleStab-v0", "observation_names": names, **description}
+    control.Network([layer], "tanh", "clip", content).save(folder)
+    return str(folder)
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """agents.evaluate in this process, with driving replaced: gives the environments that would have been driven."""
+
+    def command(*words):
+        driven = []
+
+        def drive(env, policy, episodes, seed, tell):
+            driven.append(env.spec.kwargs)
+            return [Episode(True, True, "", 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * episodes
+
+        monkeypatch.setattr(evaluate, "evaluate", drive)
+        monkeypatch.setattr(sys, "argv", ["evaluate", "--episodes", "2", *words])
+        evaluate.main()
+        return driven, capsys.readouterr().out
+
+    return command
+
+
+def test_the_keywords_of_training_serve_the_whole_table(tmp_path, run):
+    a, b = (save(tmp_path / name, env_keywords=SLOW) for name in "ab")
+    driven, printed = run("--policy", a, "lqr", b)
+    assert driven == [{**SLOW, "telemetry": True}] * 3
+    assert 'as in training: {"speed_ratio": 1.1, "steer": "both"}' in " ".join(printed.split())
+    assert "note:" not in printed
+
+
+def test_a_policy_without_keywords_drives_the_default(tmp_path, run):
+    assert run("--policy", save(tmp_path))[0] == [{"telemetry": True}]
+
+
+def test_explicit_keywords_win_with_a_note(tmp_path, run):
+    driven, printed = run("--policy", save(tmp_path, env_keywords=SLOW), "--env-keywords", "{}")
+    assert driven == [{"telemetry": True}]
+    assert "was trained with the environment keywords" in " ".join(printed.split())
+
+
+def test_policies_that_differ_need_a_choice(tmp_path, run):
+    a, b = save(tmp_path / "a", env_keywords=SLOW), save(tmp_path / "b")
+    with pytest.raises(UserError, match="different keywords; choose with --env-keywords") as caught:
+        run("--policy", a, b)
+    assert '"speed_ratio": 1.1' in str(caught.value)
+    assert len(run("--policy", a, b, "--env-keywords", '{"speed_ratio": 1.1}')[0]) == 2
+
+
+@pytest.mark.parametrize(
+    ("keywords", "words"),
+    [
+        ({"vehicle": "car.toml"}, "vehicle must be a word, not the name of a file"),
+        ({"vehicle": "/etc/passwd"}, "vehicle must be a word"),
+        ({"vehicle": {"mass": 1.0, "front": "a.json"}}, "front must be a word"),
+        ({"tire": "os:system"}, "tire must be a word"),
+        ({"tire": {"name": "a.b"}}, None),
+        ({"tire": "x" * 41}, "tire must be a word"),
+        ({"tire": ""}, "tire must be a word"),
+        ({"friction": [1.0]}, "friction must be a number, a word or a table, got a list"),
+        ({"render_mode": "human"}, "'render_mode' is no keyword that a policy's file may set"),
+        ({"telemetry": True}, "'telemetry' is no keyword"),
+        ({"id": "CartPole-v1"}, "'id' is no keyword"),
+        ({"entry_point": "os:system"}, "'entry_point' is no keyword"),
+        ({"additional_wrappers": 3}, "'additional_wrappers' is no keyword"),
+        ({"self": 1}, "'self' is no keyword"),
+        ({"task_keywords": {}}, "'task_keywords' is no keyword"),
+        ({"\x1b[2J": 1}, r"'\x1b[2J' is no keyword"),
+        ({"steer": "\x1b[31m"}, r"got '\x1b[31m'"),
+        ({"lane_width": 3.5}, "'lane_width' is no keyword"),
+    ],
+    ids=str,
+)
+def test_a_policys_file_gives_plain_values_only(tmp_path, keywords, words):
+    network = trained.load(save(tmp_path, env_keywords=keywords))
+    if words is None:
+        assert trained.keywords_of("x", network, BicycleStabEnv) == keywords
+        return
+    with pytest.raises(UserError) as caught:
+        trained.keywords_of("x", network, BicycleStabEnv)
+    assert words in str(caught.value)
+    assert str(caught.value).startswith("x: env_keywords: ")
+    assert str(caught.value).isprintable()
+
+
+def test_what_a_policys_file_may_set(tmp_path):
+    keywords = {"vehicle": {"mass": 1500, "source": "a/b.toml, p. 3"}, "friction": 0.5, "max_episode_steps": 9}
+    network = trained.load(save(tmp_path, env_keywords=keywords))
+    assert trained.keywords_of("x", network, BicycleStabEnv) == keywords
+    assert trained.keywords_of("x", network, BicycleLaneChangeEnv) == keywords
+
+
+def test_a_value_out_of_range_is_the_environments_one_line(tmp_path, run):
+    with pytest.raises(UserError, match="BicycleStab-v0: friction must be"):
+        run("--policy", save(tmp_path, env_keywords={"friction": -1}))
+
+
+def test_observations_that_do_not_fit_name_the_keywords(tmp_path, run):
+    folder = save(tmp_path, NAMES[1:], env_keywords=SLOW)
+    with pytest.raises(UserError) as caught:
+        run("--policy", folder, "--env-keywords", '{"friction": 0.9}')
+    assert f"{len(NAMES) - 1} observations, 2 actions and the keywords {{" in str(caught.value)
+    assert '"speed_ratio": 1.1' in str(caught.value)
+    assert "this environment has" in str(caught.value)
+    assert "{'friction': 0.9}" in str(caught.value)
+
+
+@pytest.mark.parametrize("bad", ["{", "[1]", '{"a": 1, "a": 2}', '{"friction": NaN}', '{"friction": 1e999}'])
+def test_keywords_that_are_no_json_object_are_one_line(bad):
+    with pytest.raises(UserError, match=r"^--env-keywords: .*must be a JSON object"):
+        evaluate.parse_keywords(bad)
+
+
+# Refused before any work
+
+
+@pytest.mark.parametrize("env_id", ["CartPole-v1", "Pendulum-v1"])
+def test_other_environments_are_refused(run, monkeypatch, env_id):
+    monkeypatch.setattr(gym, "make", lambda *_, **__: pytest.fail("made"))
+    with pytest.raises(UserError, match="must be an environment of this package, BicycleLaneChange-v0, BicycleStab-v0"):
+        run("--env-id", env_id)
+    with pytest.raises(UserError, match="of this package"):
+        evaluate.make_vector_env(env_id, 2, {})
+
+
+@pytest.mark.parametrize(
+    "env_id", ["", "a b", "nowhere_at_all:X-v0", "BicycleStab-v9", "BicycleStab", "::", "\x1b[31m"]
+)
+def test_an_unknown_id_is_one_line(env_id):
+    with pytest.raises(UserError, match="Ids of this package") as caught:
+        evaluate.environment(env_id)
+    assert str(caught.value).isprintable()
+
+
+def test_an_output_that_cannot_be_written_is_refused_first(tmp_path, run, monkeypatch):
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.setattr(gym, "make", lambda *_, **__: pytest.fail("made"))
+    for place in (tmp_path, tmp_path / "file" / "x.json", "/dev/null"):
+        with pytest.raises(UserError, match=r"^--json: cannot write "):
+            run("--json", str(place))
+    messages.check_output("--json", None)
+    with pytest.raises(UserError, match=r"^--out: cannot write .*file: Not a directory"):
+        messages.check_output("--out", tmp_path / "file", folder=True)
+
+
+@pytest.mark.parametrize("name", ["model.zip", "model.pkl"])
+def test_an_archive_is_refused_in_words(tmp_path, run, name):
+    (tmp_path / name).write_bytes(b"PK")
+    with pytest.raises(UserError, match=r"pickles and \.pt files can hold code"):
+        run("--policy", str(tmp_path / name))
+
+
+# Shown
+
+
+def test_brackets_and_escapes_of_a_stranger_are_shown_as_text(tmp_path, run, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    hostile = {"note": "[/red]\x1b[2J", "steer": "both"}
+    save(tmp_path / "[" / "red]", env_keywords=SLOW, note="[/red]")
+    _, printed = run("--policy", "[/red]", "lqr")
+    assert "[/red]" in printed
+    save(tmp_path / "other", env_keywords=hostile)
+    _, printed = run("--policy", "other", "--env-keywords", "{}")
+    assert "\x1b" not in printed
+    assert "[/red]" in printed
