@@ -139,11 +139,19 @@ class Sensors:
     """
 
     def __init__(self, plant: Plant, noise: Noise | None = None, seed: int = 0) -> None:
-        self._axles = axles(NUMPY, plant.tire, plant.geometry)
+        self._form = plant.tire, plant.geometry
+        self._axles = axles(NUMPY, *self._form)
         actuators = plant.front_actuator, plant.rear_actuator
         self._car = car_on_road(plant.vehicle, plant.speed, plant.friction, *actuators)
         self._noise = None if noise is None else np.array(noise)
         self._generator = np.random.default_rng(seed)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_axles"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._axles = axles(NUMPY, *self._form)
 
     def read(self, states: Matrix) -> Matrix:
         """(cars, 2), ``MEASURED``, from true states (cars, 6) in the order of ``STATE_NAMES``."""

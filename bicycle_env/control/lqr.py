@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
@@ -43,9 +44,33 @@ class Weights(NamedTuple):
 
 
 def tuned_weights(task_name: str) -> Weights:
-    """The weights that come with the package for a task; the file says how they were found."""
-    text = resources.files("bicycle_env.control").joinpath("lqr_weights.json").read_text()
-    return Weights(**json.loads(text)[task_name]["weights"])
+    """The weights that come with the package for a task; the file says how they were found. ValueError without any."""
+    tuned = _tuned()
+    return tuned[choice("task with tuned weights", task_name, tuned)]
+
+
+def _tuned() -> dict[str, Weights]:
+    """Task -> weights."""
+    content = json.loads(resources.files("bicycle_env.control").joinpath("lqr_weights.json").read_text("utf-8"))
+    return {
+        name: Weights(**row["weights"]) for name, row in content.items() if isinstance(row, dict) and "weights" in row
+    }
+
+
+def cost_matrices(plant: Plant, weights: Weights | None, speed: float) -> tuple[Matrix, Matrix]:
+    """Q (6, 6) and R (axles, axles) of a design at a speed [m/s].
+
+    Args:
+        weights: None for the tuned ones of the task; a task without these gives its own cost, with a UserWarning.
+    """
+    model, tuned = plant.linear_model(), _tuned()
+    if weights is None and plant.task.name not in tuned:
+        warnings.warn(
+            f"no weights were tuned for the task {plant.task.name!r}: the controller has the task's own quadratic cost",
+            stacklevel=2,
+        )
+        return model.Q, model.R
+    return (weights or tuned[plant.task.name]).matrices(speed, model.input_names)
 
 
 def read_weights(path: str | Path) -> Weights:
@@ -133,9 +158,8 @@ class ContinuousLQR(StateFeedback):
     name = "lqr-continuous"
 
     def __init__(self, plant: Plant, weights: Weights | None = None) -> None:
-        weights = tuned_weights(plant.task.name) if weights is None else weights
         model = continuous_design_model(plant)
-        Q, R = weights.matrices(plant.speed, model.input_names)
+        Q, R = cost_matrices(plant, weights, plant.speed)
         times = Reading(plant).times
         intervals = 4 * max(1, round(times[-1] / plant.control_timestep)) if len(times) > 1 else 0
         grid = np.linspace(0.0, times[-1], intervals + 1)
@@ -165,11 +189,11 @@ class ScheduledLQR(Policy):
     name = "scheduled-lqr"
 
     def __init__(self, plant: Plant, speeds: Iterable[float] | None = None, weights: Weights | None = None) -> None:
+        self.model = plant.linear_model()  # before all else: cars that differ are refused here
         nodes = plant.speed * np.linspace(0.6, 1.4, 9) if speeds is None else speeds
         self.speeds = np.array([checked_speed(node, "speeds") for node in nodes])
         if len(self.speeds) < 2 or np.any(np.diff(self.speeds) <= 0.0):
             raise ValueError(f"speeds must be at least two rising values, got {self.speeds.tolist()}")
-        self.model = plant.linear_model()
         designs = [discrete_design(plant, design_model(plant, node), node, weights) for node in self.speeds]
         self._gains = np.array([gain for gain, _ in designs])
         self._previews = np.array([preview for _, preview in designs])
@@ -221,8 +245,7 @@ class ScheduledLQR(Policy):
 
 def discrete_design(plant: Plant, model: LinearModel, speed: float, weights: Weights | None) -> tuple[Matrix, Matrix]:
     """Gain (axles, 6) and preview (axles, points) of the discrete LQR for a model at a speed [m/s]."""
-    weights = tuned_weights(plant.task.name) if weights is None else weights
-    Q, R = weights.matrices(speed, model.input_names)
+    Q, R = cost_matrices(plant, weights, speed)
     times = Reading(plant).times
     horizon = preview_steps(times, model.timestep)
     wanted = wanted_states(speed * model.timestep, model.timestep, horizon)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import types
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES, rk4_map
 from bicycle_env.control.design import preview_cost, preview_gain
-from bicycle_env.control.lqr import Weights, continuous_design_model, preview_steps, tuned_weights, wanted_states
+from bicycle_env.control.lqr import Weights, continuous_design_model, cost_matrices, preview_steps, wanted_states
 from bicycle_env.control.policy import Array, Plant, Policy
 from bicycle_env.control.reading import Reading, interpolation
 from bicycle_env.control.rows import Rows
@@ -29,6 +30,13 @@ LANE_MARGIN = 0.25
 """The lane's soft limit is that far inside of the place where the whole body has left the lane, m."""
 FIRST_ITERATIONS = 10
 """SQP iterations in the first step of an episode, where there is no plan of the step before."""
+
+OF_THE_PLANT = (
+    *("vehicle", "tire", "geometry", "speed", "friction", "steer", "front_actuator", "rear_actuator"),
+    *("control_timestep", "substeps", "action_space"),
+)
+"""What the problem is built from, so that a copy can build it again."""
+BUILT = ("_bounds", "_linearised", "_curvature", "_quadratic_program")
 
 
 class MPC(Policy):
@@ -70,17 +78,17 @@ class MPC(Policy):
         sideslip_limit: float = 0.6,
         substeps: int | None = None,
     ) -> None:
+        self.model = plant.linear_model()  # before all else: cars that differ are refused here
         self.horizon, self.iterations = whole("horizon", horizon, 2, 1000), whole("iterations", iterations)
         lane_limit = positive("lane_half_width", lane_half_width) + 0.5 * plant.vehicle.body_width - LANE_MARGIN
         sideslip_limit = positive("sideslip_limit", sideslip_limit)
         substeps = fewest_substeps(plant) if substeps is None else whole("substeps", substeps)
-        weights = tuned_weights(plant.task.name) if weights is None else weights
         timestep = plant.control_timestep
 
         continuous = continuous_design_model(plant)
         A, B = rk4_map(continuous.A, continuous.B, timestep, substeps)
-        self.model = plant.linear_model()._replace(A=A, B=B)
-        self._Q, self._R = weights.matrices(plant.speed, self.model.input_names)
+        self.model = self.model._replace(A=A, B=B)
+        self._Q, self._R = cost_matrices(plant, weights, plant.speed)
         self._reading = Reading(plant)
         ahead = preview_steps(self._reading.times, timestep)
         self._wanted = wanted_states(plant.speed * timestep, timestep, ahead)
@@ -93,10 +101,20 @@ class MPC(Policy):
 
         self._axles = len(self.model.input_names)
         self._stage = STATES + self._axles + SLACKS  # numbers of a stage in the plan: states, actions, slacks
-        self._build(plant, lane_limit, sideslip_limit, substeps)
+        car: Any = types.SimpleNamespace(**{name: getattr(plant, name) for name in OF_THE_PLANT})
+        self._problem = car, lane_limit, sideslip_limit, substeps
+        self._build(*self._problem)
         self._memory = Rows(self.horizon * self._stage + STATES + 1)  # the plan, and 1 once there is one
         self._plans = np.empty((0, 0))
         self.failures = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what CasADi has built: not each of its solvers can be pickled, and it is built again."""
+        return {name: value for name, value in self.__dict__.items() if name not in BUILT}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._build(*self._problem)
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         self._memory.reset(rows)

@@ -35,8 +35,19 @@ DESCRIPTION_FILE = "policy.json"
 FORMAT = "bicycle-env policy"
 VERSION = 1
 
-ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}
-OUTPUTS: dict[str, Callable[[Any], Any]] = {"clip": lambda x: np.clip(x, -1.0, 1.0), "tanh": np.tanh}
+
+def relu(x: Any) -> Any:
+    """max(x, 0)."""
+    return np.maximum(x, 0.0)
+
+
+def clip(x: Any) -> Any:
+    """x, limited to [-1, 1]."""
+    return np.clip(x, -1.0, 1.0)
+
+
+ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"tanh": np.tanh, "relu": relu}
+OUTPUTS: dict[str, Callable[[Any], Any]] = {"clip": clip, "tanh": np.tanh}
 LARGEST = 100_000_000  # bytes of the weights
 MOST_LAYERS, WIDEST = 100, 100_000
 DESCRIPTION = table(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import abc
-from typing import Any, Protocol
+import copy
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,10 @@ class Policy(abc.ABC):
         Args:
             rows: (cars,) the cars that start anew; None for all.
         """
+
+    def __copy__(self) -> Self:
+        """As ``copy.deepcopy``: a copy remembers on its own, and goes on as the original does."""
+        return copy.deepcopy(self)
 
     @abc.abstractmethod
     def act(self, observation: Array) -> NDArray[np.float32]:

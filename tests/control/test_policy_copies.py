@@ -1,0 +1,69 @@
+"""Policies copy and pickle: the copy goes on as the original does, and remembers on its own."""
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from bicycle_env import control
+from bicycle_env.control import LQG, Network
+from bicycle_env.control.estimation import Noise
+
+ENV = gym.make("BicycleStab-v0").unwrapped
+WAYS = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda policy: pickle.loads(pickle.dumps(policy))}
+WIDTH = len(ENV.observation_names)
+OBSERVATIONS = np.random.default_rng(0).uniform(-0.2, 0.2, (6, WIDTH)).astype(np.float32)
+
+
+def make(name):
+    if name == "mpc":
+        pytest.importorskip("casadi")
+        return control.MPC(ENV, horizon=10)
+    if name == "noisy lqg":
+        return LQG(ENV, sensor_noise=Noise(0.01, 0.1), seed=3)
+    if name == "network":
+        layers = [(np.full((4, WIDTH), 0.1), np.zeros(4)), (np.full((2, 4), 0.1), np.zeros(2))]
+        return Network(layers, "relu", "clip", {"observation_names": list(ENV.observation_names)})
+    return control.make(name, ENV)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", [*control.POLICIES, "noisy lqg", "preview+sano", "network"])
+def test_a_copy_goes_on_as_the_original(name, way):
+    policy = make(name)
+    policy.reset()
+    for observation in OBSERVATIONS[:3]:
+        policy.act(observation)
+    other = WAYS[way](policy)
+    actions = [policy.act(observation) for observation in OBSERVATIONS[3:]]  # the original first: nothing is shared
+    assert [action.tolist() for action in actions] == [other.act(row).tolist() for row in OBSERVATIONS[3:]]
+    if name in ("mpc", "lqg"):
+        other.reset()
+        assert other.act(OBSERVATIONS[3]).tolist() != actions[0].tolist(), "it remembers nothing, so this test is empty"
+
+
+class Fleet:
+    """A vector environment with cars that differ, as the controllers see it."""
+
+    def __init__(self):
+        self.vehicle, self.speed = (ENV.vehicle,) * 2, np.array([40.0, 45.0])
+
+    @property
+    def unwrapped(self):
+        return self
+
+    def __getattr__(self, name):
+        return getattr(ENV, name)
+
+    def linear_model(self):
+        raise ValueError("the cars of this environment differ")
+
+
+@pytest.mark.parametrize("name", [name for name in control.NAMES if name != "zero"])
+def test_cars_that_differ_are_refused_alike(name):
+    if name == "mpc":
+        pytest.importorskip("casadi")
+    with pytest.raises(ValueError, match="the cars of this environment differ"):
+        control.make(name, Fleet())
