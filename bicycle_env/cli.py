@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 from bicycle_env import __version__, report, tires
 from bicycle_env.files import checked_output_folder, shown
+from bicycle_env.installation import install_line
 from bicycle_env.physics import announcements
 from bicycle_env.physics.compiled import CompilerDisabledError
 from bicycle_env.physics.validation import choice
@@ -20,12 +21,12 @@ from bicycle_env.physics.vehicle import UnitWarning
 from bicycle_env.streams import take_any_text
 
 PROGRAM = "bicycle-env"
-REPORT = """\
+REPORT = f"""\
 Everything that theory says about one car at one speed: parameters, stability, steady and frequency response to front
 and rear steering, the limit of grip, and the states from which the car can be saved at all.
 
 With --out DIR: a page DIR/report.html that needs no other file, and its pictures as PNG files beside it (needs
-pip install "bicycle-env[analysis]"). With --json: the numbers for machines, on standard output. Without either: the
+{install_line("analysis")}). With --json: the numbers for machines, on standard output. Without either: the
 numbers as tables.
 """
 REPORT_EXAMPLES = """\

@@ -32,6 +32,7 @@ EVERYTHING = {
     "registration",
     "files",
     "provenance",
+    "installation",
     "streams",
     "plots",
     "root",
@@ -44,16 +45,20 @@ ROWS = {
     "files.schema": Row({"physics"}, set()),  # of physics, the checks of values, which import nothing
     "provenance": Row(set(), set()),
     "streams": Row(set(), set()),
-    "analysis": Row({"physics"}, {"numpy", "scipy", "numba"}, lazy_packages={"control", "tqdm"}),
+    "installation": Row(set(), set()),
+    "analysis": Row({"physics", "installation"}, {"numpy", "scipy", "numba"}, lazy_packages={"control", "tqdm"}),
     "tasks": Row({"analysis", "physics"}, {"numpy"}),
-    "control": Row({*BELOW_ENVS, "files"}, {"numpy", "scipy", "numba"}, lazy_packages={"casadi"}),
+    "control": Row({*BELOW_ENVS, "files", "installation"}, {"numpy", "scipy", "numba"}, lazy_packages={"casadi"}),
     "envs": Row(
-        BELOW_ENVS, {"gymnasium", "numpy", "numba", "llvmlite"}, lazy_layers={"rendering"}, lazy_packages={"torch"}
+        {*BELOW_ENVS, "installation"},
+        {"gymnasium", "numpy", "numba", "llvmlite"},
+        lazy_layers={"rendering"},
+        lazy_packages={"torch"},
     ),
-    "rendering": Row(BELOW_ENVS, {"pygame", "numpy", "gymnasium"}),
-    "wrappers": Row({*BELOW_ENVS, "envs", "files"}, {"gymnasium", "numpy"}),
+    "rendering": Row({*BELOW_ENVS, "installation"}, {"pygame", "numpy", "gymnasium"}),
+    "wrappers": Row({*BELOW_ENVS, "envs", "files", "installation"}, {"gymnasium", "numpy"}),
     "wrappers.sb3_vec_env": Row(set(), {"gymnasium", "numpy", "stable_baselines3"}),  # imported when first named
-    "plots": Row({*BELOW_ENVS, "files"}, {"numpy"}, lazy_packages={"matplotlib"}),
+    "plots": Row({*BELOW_ENVS, "files", "installation"}, {"numpy"}, lazy_packages={"matplotlib"}),
     "optimum": Row({*BELOW_ENVS, "control", "envs"}, {"gymnasium", "numpy"}),  # on top: no other row names it
     "registration": Row(set(), {"gymnasium"}),
     "root": Row({"physics", "analysis", "registration"}, set(), lazy_layers={"plots", "rendering"}),

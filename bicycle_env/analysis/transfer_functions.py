@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.stability import characteristic_polynomial, input_matrix, state_matrix
+from bicycle_env.installation import needs
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.validation import choice, positive
 from bicycle_env.physics.vehicle import Vehicle
@@ -110,7 +111,5 @@ def _control() -> Any:
     try:
         import control
     except ImportError:
-        raise ModuleNotFoundError(
-            'transfer functions need python-control: pip install "bicycle-env[analysis]"', name="control"
-        ) from None
+        raise ModuleNotFoundError(needs("a transfer function", "python-control", "analysis"), name="control") from None
     return control

@@ -8,6 +8,7 @@ import math
 from typing import Any
 
 from bicycle_env.control.policy import Plant
+from bicycle_env.installation import needs
 from bicycle_env.physics import elementary
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import CarState, actuated_single_track, car_on_road
@@ -18,9 +19,7 @@ def casadi() -> Any:
     try:
         import casadi
     except ImportError:
-        raise ModuleNotFoundError(
-            'model-predictive control needs CasADi: pip install "bicycle-env[mpc]"', name="casadi"
-        ) from None
+        raise ModuleNotFoundError(needs("model-predictive control", "CasADi", "mpc"), name="casadi") from None
     return casadi
 
 

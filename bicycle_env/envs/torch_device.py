@@ -8,13 +8,15 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from bicycle_env.installation import needs
+
 
 def import_torch() -> Any:
     """The package; ImportError says how to install it."""
     try:
         import torch
     except ImportError as error:
-        raise ImportError('TorchVectorEnv needs torch: pip install "bicycle-env[agents]"', name="torch") from error
+        raise ImportError(needs("TorchVectorEnv", "torch", "agents"), name="torch") from error
     return torch
 
 

@@ -1,4 +1,4 @@
-"""Figures: of one's own runs, and of a car's analysis. They need ``pip install "bicycle-env[analysis]"``.
+"""Figures: of one's own runs, and of a car's analysis. They need matplotlib, of the extra ``analysis``.
 
 Every function returns a ``matplotlib.figure.Figure``; ``save(figure, path)`` writes it as PNG.
 """

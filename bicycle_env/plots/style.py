@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bicycle_env.files import write_bytes
+from bicycle_env.installation import needs
 from bicycle_env.physics.vehicle import Vehicle
 
 # Okabe and Ito's palette, readable by the colour-blind.
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PINK, SKY, YELLOW, GREY, BLACK = "#CC79A7", "#56B4E9", "#F0E442", "#999999", "#000000"
 DOTS_PER_INCH = 130
-INSTALL = 'figures need matplotlib: pip install "bicycle-env[analysis]"'
 
 
 class LineStyle(NamedTuple):
@@ -46,7 +46,7 @@ def require_matplotlib() -> None:
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        raise ModuleNotFoundError(INSTALL, name="matplotlib") from None
+        raise ModuleNotFoundError(needs("a figure", "matplotlib", "analysis"), name="matplotlib") from None
 
 
 def new_figure(width: float, height: float, title: str = "") -> Any:

@@ -1,1 +1,1 @@
-"""Pictures of an episode; imported only when ``render()`` is called, needs ``pip install "bicycle-env[render]"``."""
+"""Pictures of an episode; imported only when ``render()`` is called, needs pygame-ce, of the extra ``render``."""

@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 
 from gymnasium.error import DependencyNotInstalled
 
+from bicycle_env.installation import needs
 from bicycle_env.rendering.scene import Arrow, Point, Scene, Shape, arrow_outline
 
 try:
     import pygame as pygame  # a re-export, for the modules beside this one
 except ImportError as error:
-    raise DependencyNotInstalled('render() needs pygame-ce: pip install "bicycle-env[render]"') from error
+    raise DependencyNotInstalled(needs("render()", "pygame-ce", "render")) from error
 
 Colour = tuple[int, int, int]
 

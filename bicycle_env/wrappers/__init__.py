@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
+from bicycle_env.installation import needs
 from bicycle_env.wrappers.front_driver import FrontDriver
 from bicycle_env.wrappers.record_success import RecordSuccess
 
@@ -16,8 +17,6 @@ def __getattr__(name: str) -> Any:
         try:
             from bicycle_env.wrappers.sb3_vec_env import SB3VecEnv
         except ModuleNotFoundError as error:
-            raise ModuleNotFoundError(
-                'SB3VecEnv needs Stable-Baselines3: pip install "bicycle-env[agents]"', name=error.name
-            ) from error
+            raise ModuleNotFoundError(needs("SB3VecEnv", "Stable-Baselines3", "agents"), name=error.name) from error
         return SB3VecEnv
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -271,3 +271,20 @@ def test_bad_questions_are_named(plane, lane):
 def test_it_is_public():
     assert bicycle_env.analysis.recoverable_set is analysis.recoverable_set
     assert isinstance(analysis.recoverable_set(CAR, SPEED, grid=(41, 41)), analysis.RecoverableSet)
+
+
+def test_its_text_is_one_line():
+    grid = np.zeros(3)
+    common = {
+        **{"vehicle": CAR, "speed": 40.0, "tire": tires.Tanh(), "geometry": "exact", "friction": 0.9},
+        **{"steer_limits": (0.1, 0.1), "sideslip_limit": 0.5, "yaw_rate_limit": 1.0, "horizon": 2.0},
+        **{"lateral_velocity": grid, "yaw_rate": grid, "course": None, "lateral_position": None},
+        "steer_angles": np.zeros((1, 2)),
+    }
+    found = repr(analysis.RecoverableSet(**common, lane=None, value=np.zeros((401, 301))))
+    assert found == (
+        "RecoverableSet(vehicle='oversteer', speed=40, tire=Tanh(), friction=0.9, horizon=2, 401 x 301 nodes)"
+    )
+    assert "lane=1.75, 3 x 3 x 2 x 2 nodes" in repr(
+        analysis.RecoverableSet(**common, lane=1.75, value=np.zeros((3, 3, 2, 2)))
+    )

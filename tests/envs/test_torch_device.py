@@ -206,4 +206,4 @@ def test_torch_is_imported_when_it_is_used_and_missed_in_one_line():
         "    print(error)\n"
     )
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == ["False", 'TorchVectorEnv needs torch: pip install "bicycle-env[agents]"']
+    assert done.stdout.splitlines() == ["False", 'TorchVectorEnv needs torch: pip install -e ".[agents]"']

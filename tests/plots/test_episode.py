@@ -154,5 +154,5 @@ def test_a_picture_is_written_whole(tmp_path, run):
 
 def test_without_matplotlib_one_line_says_what_to_install(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(ModuleNotFoundError, match=r'figures need matplotlib: pip install "bicycle-env\[analysis\]"'):
+    with pytest.raises(ModuleNotFoundError, match=r'a figure needs matplotlib: pip install -e "\.\[analysis\]"'):
         plots.episode(run)

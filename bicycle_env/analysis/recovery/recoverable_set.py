@@ -64,6 +64,14 @@ class RecoverableSet:
     steer_angles: Array
     """(k, 2): the pairs (front, rear) that the search chose from, rad."""
 
+    def __repr__(self) -> str:
+        nodes = " x ".join(map(str, self.value.shape))
+        lane = "" if self.lane is None else f", lane={self.lane:g}"
+        return (
+            f"RecoverableSet(vehicle={self.vehicle.name or 'unnamed'!r}, speed={self.speed:g}, tire={self.tire!r}, "
+            f"friction={self.friction:g}, horizon={self.horizon:g}{lane}, {nodes} nodes)"
+        )
+
     @functools.cached_property
     def least_time(self) -> Array:
         """Least time to recovery on the grid, (n, m) or with a lane (n, m, p, q), s; infinite outside the set."""

@@ -1,0 +1,25 @@
+"""The line that installs an extra, in a checkout and elsewhere."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from bicycle_env import installation
+
+
+def test_in_a_checkout_and_for_an_installed_distribution(tmp_path, monkeypatch):
+    assert installation.install_line("mpc") == 'pip install -e ".[mpc]"'
+    monkeypatch.setattr(installation, "ROOT", tmp_path)
+    assert installation.needs("This", "CasADi", "mpc") == 'This needs CasADi: pip install "bicycle-env[mpc]"'
+
+
+def test_no_other_place_writes_the_line():
+    package = Path(installation.__file__).parent
+    found = [path.name for path in package.rglob("*.py") if "bicycle-env[" in path.read_text(encoding="utf-8")]
+    assert found == ["installation.py"]
+
+
+def test_a_missing_package_is_answered_with_it():
+    program = "import sys; sys.modules['casadi'] = None\nfrom bicycle_env.control.symbolic import casadi\ncasadi()"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.stderr.splitlines()[-1].endswith('model-predictive control needs CasADi: pip install -e ".[mpc]"')
