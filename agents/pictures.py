@@ -14,7 +14,7 @@ import numpy as np
 from agents.episodes import Episode, start_seeds
 from bicycle_env import plots
 from bicycle_env.control import Policy
-from bicycle_env.files import write_bytes
+from bicycle_env.files import read_bytes, write_bytes
 from bicycle_env.plots.style import BLUE, GREY, ORANGE, RED, LineStyle, dress, new_figure, save
 
 STYLES = {"zero": LineStyle(GREY, "-"), "lqr": LineStyle(ORANGE, "--"), "learned": LineStyle(BLUE, "-")}
@@ -82,8 +82,7 @@ def learning_curves(curves: list[Path], what: Any, lines: dict[str, float], path
     figure = new_figure(7.5, 3.8)
     axis = figure.subplots()
     for k, curve in enumerate(curves):
-        with curve.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
+        rows = list(csv.DictReader(io.StringIO(read_bytes(curve).decode("utf-8"))))
         steps = [float(row["timesteps"]) / 1000 for row in rows]
         label = f"{what.algo.upper()}, while it explores" + (f" ({len(curves)} seeds)" if len(curves) > 1 else "")
         axis.plot(

@@ -6,10 +6,10 @@ python benchmarks/picture.py --json results/vector_env.json --out docs/performan
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from bicycle_env import plots
+from bicycle_env.files import read_json
 
 BYTES = {"linear": 2 * 96 + 32 + 8 + 16 + 3}
 """Read and written per row and step: the block twice, observation, action, reward and cost, flags and end."""
@@ -21,7 +21,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, default=Path("runs/vector_env.json"), help="the figures")
     parser.add_argument("--out", type=Path, default=Path("runs/performance.png"), help="the picture")
     options = parser.parse_args()
-    report = json.loads(options.json.read_text(encoding="utf-8"))
+    report = read_json(options.json)
     rates, limit = report["rows per second"], report["limit"]
     figure = plots.new_figure(9.0, 6.0, "One control step (five RK4 steps) of many cars, rows per second")
     axes = figure.subplots()

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bicycle_env import provenance
-from bicycle_env.files import write_json
+from bicycle_env.files import read_json, write_json
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = "tests/compat"
@@ -129,7 +129,7 @@ def main() -> int:
     revision = provenance.git_revision()
     results: dict[str, Any] = {"command": "make compat", "machine": provenance.machine(), "libraries": {}}
     if options.only and options.json.is_file():
-        results["libraries"] = json.loads(options.json.read_text(encoding="utf-8"))["libraries"]
+        results["libraries"] = read_json(options.json)["libraries"]
     for name in options.only or LIBRARIES:
         row = results["libraries"][name] = check(LIBRARIES[name], name, revision)
         told = row.get("error") or "; ".join(row["checked"])

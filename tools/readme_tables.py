@@ -7,11 +7,12 @@ A table stands between `<!-- results: NAME -->` and `<!-- end -->`; NAME is one 
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from pathlib import Path
 from typing import Any
+
+from bicycle_env.files import read_json
 
 ROOT = Path(__file__).parent.parent
 PAGES = ("README.md", "docs/performance.md")
@@ -19,7 +20,7 @@ DEGREES = 57.29577951308232
 
 
 def read(name: str) -> dict[str, Any]:
-    return json.loads((ROOT / "results" / name).read_text(encoding="utf-8"))
+    return read_json(ROOT / "results" / name)
 
 
 def cell(row: dict[str, Any], key: str, factor: float = 1.0, form: str = ".1f") -> str:
