@@ -2,6 +2,10 @@
 
 from importlib.util import find_spec
 
+from agents.stopping import guard_imports
+
+guard_imports()
+
 _NEEDED = ("matplotlib", "rich", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro")
 _missing = [name for name in _NEEDED if find_spec(name) is None]
 if _missing:

@@ -1,4 +1,4 @@
-"""A user's mistake is one line on stderr and an exit code, not a traceback."""
+"""A user's mistake or wish to stop is one line on stderr and an exit code, not a traceback."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from bicycle_env.files import checked_output, checked_output_folder, shown
+from agents import stopping
+from bicycle_env.files import FileError, checked_output, checked_output_folder, shown
 from bicycle_env.physics.compiled import CompilerDisabledError
 from bicycle_env.streams import take_any_text
 
@@ -19,16 +20,19 @@ class UserError(Exception):
 
 
 def run(main: Callable[[], int | None]) -> None:
-    """Call `main` and exit with its code; 2 and one line for a user's mistake, 130 for Ctrl-C."""
-    take_any_text()
+    """Call `main` and exit with its code; 2 and one line for a user's mistake, 130 or 143 for a signal."""
     try:
-        sys.exit(main() or 0)
-    except (UserError, OSError, ModuleNotFoundError, CompilerDisabledError) as error:
+        stopping.handle(stopping.raise_stopped)
+        take_any_text()
+        code = main() or 0
+    except (UserError, OSError, ModuleNotFoundError, CompilerDisabledError, FileError) as error:
         print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        sys.exit(130)
+        code = 2
+    except KeyboardInterrupt as stopped:
+        print(shown(stopped) or "stopped", file=sys.stderr)
+        code = getattr(stopped, "code", 130)
+    stopping.handle(stopping.leave_at_once)  # the interpreter's end is no place for exceptions
+    sys.exit(code)
 
 
 def console(stderr: bool = False, width: int | None = None) -> Console:

@@ -3,47 +3,44 @@
     python -m agents.train --env-id BicycleStab-v0 --algo ppo --seed 0 --out runs/stab-ppo
 
 The run's folder then holds: policy.safetensors and policy.json (the policy, as data), run.json (settings, versions,
-git revision, seed), curve.csv (learning curve), tensorboard/ and checkpoint/ (for --resume).
+git revision, seed, resumes), curve.csv (learning curve), tensorboard/, checkpoint/ (for --resume) and a lock. A run
+that was stopped and goes on gives the policy of one that was not, to the bit, on one machine with one set of versions;
+where that cannot be, a remark and run.json say why.
 """
 
 from __future__ import annotations
 
-import io
-import json
-import pickle
-import shutil
-import signal
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import stable_baselines3 as sb3
 import torch
 import tyro
 from rich.console import Console
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
 from stable_baselines3.common.noise import NormalActionNoise
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import safe_mean
 from stable_baselines3.common.vec_env import VecMonitor
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import export, messages, settings
+from agents import export, messages, old_checkpoint, sb3_state, settings, stopping
 from agents.evaluate import environment, make_vector_env, parse_keywords
 from agents.messages import UserError
+from agents.run_folder import CURVE_HEADER, Folder, begun, has_run, held
 from bicycle_env import provenance
-from bicycle_env.files import write_bytes, write_json
+from bicycle_env.files import FileError, shown
 from bicycle_env.physics import announcements
 from bicycle_env.wrappers import SB3VecEnv
 
+__all__ = ["CURVE_HEADER", "Args", "build", "train"]
+
 CHECKPOINTS = 10
 CURVE_POINTS = 100
-CURVE_HEADER = "timesteps,seconds,success_rate,mean_return,mean_length"
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
-BUFFER_ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
 @dataclass
@@ -75,20 +72,17 @@ def build(args: Args, chosen: settings.Settings, keywords: dict[str, Any], tenso
     env = VecMonitor(SB3VecEnv(make_vector_env(args.env_id, chosen.n_envs, keywords)))
     network = dict(chosen.network)
     model_keywords = dict(chosen.model)
+    network["activation_fn"] = ACTIVATIONS[network.pop("activation")]
+    if "action_noise" in model_keywords:
+        axles = env.action_space.shape[0]
+        model_keywords["action_noise"] = NormalActionNoise(
+            np.zeros(axles), np.full(axles, model_keywords["action_noise"])
+        )
+    rate = model_keywords["learning_rate"]
+    if model_keywords.pop("learning_rate_decay", False):
+        model_keywords["learning_rate"] = lambda remaining: rate * max(remaining, 0.0)  # the last rollout overshoots
     try:
-        network["activation_fn"] = ACTIVATIONS[network.pop("activation")]
-        if "action_noise" in model_keywords:
-            axles = env.action_space.shape[0]
-            model_keywords["action_noise"] = NormalActionNoise(
-                np.zeros(axles), np.full(axles, model_keywords["action_noise"])
-            )
-        rate = model_keywords["learning_rate"]
-        if model_keywords.pop("learning_rate_decay", False):
-            model_keywords["learning_rate"] = lambda remaining: (
-                rate * max(remaining, 0.0)
-            )  # the last rollout overshoots
-        algorithm = {"ppo": sb3.PPO, "sac": sb3.SAC, "td3": sb3.TD3}[args.algo]
-        return algorithm(
+        return sb3_state.algorithm(args.algo)(
             "MlpPolicy",
             env,
             seed=args.seed,
@@ -97,35 +91,72 @@ def build(args: Args, chosen: settings.Settings, keywords: dict[str, Any], tenso
             policy_kwargs=network,
             **model_keywords,
         )
-    except (TypeError, KeyError) as error:
-        raise UserError(f"the settings for {args.algo} do not fit Stable-Baselines3: {error}") from None
+    except (TypeError, ValueError, AssertionError, RuntimeError, MemoryError) as error:
+        raise UserError(f"the settings for {args.algo} do not fit Stable-Baselines3: {shown(error)}") from None
 
 
 class Record(BaseCallback):
-    """Writes the learning curve and checkpoints while training."""
+    """Writes the learning curve and checkpoints while training.
 
-    def __init__(self, folder: Path, total: int, curve: list[str], seconds_before: float) -> None:
+    When points and checkpoints are due follows from the steps alone, so a resumed run has those of a straight one.
+    """
+
+    def __init__(self, folder: Folder, total: int, made_by: dict[str, Any]) -> None:
         super().__init__()
-        self.folder, self.total, self.curve = folder, total, curve
-        self.seconds_before, self.start = seconds_before, time.perf_counter()
-        self.next_point = self.next_checkpoint = 0
+        self.folder, self.total, self.made_by = folder, total, made_by
+        self.curve: list[str] = []
+        self.seconds_before, self.start = 0.0, time.perf_counter()
+        self.request = stopping.Request()
+        self.saved_at = 0
 
     @property
     def seconds(self) -> float:
         return self.seconds_before + time.perf_counter() - self.start
 
-    def _on_training_start(self) -> None:
-        self.next_point = self.num_timesteps + self.total // CURVE_POINTS
-        self.next_checkpoint = self.num_timesteps + self.total // CHECKPOINTS
-
     def _on_step(self) -> bool:
-        if self.num_timesteps >= self.next_point and self.model.ep_info_buffer:
-            self.next_point = self.num_timesteps + self.total // CURVE_POINTS
-            self.curve.append(curve_row(self.model, self.seconds))
-        if self.num_timesteps >= self.next_checkpoint:
-            self.next_checkpoint = self.num_timesteps + self.total // CHECKPOINTS
-            save_checkpoint(self.model, self.folder, self.curve, self.seconds)
+        if self._due(CURVE_POINTS, self._last_point) and self.model.ep_info_buffer:
+            self.add_point(self.model)
         return True
+
+    @property
+    def _last_point(self) -> int:
+        return int(self.curve[-1].partition(",")[0]) if self.curve else 0
+
+    def _due(self, points: int, last: int) -> bool:
+        every = max(1, self.total // points)
+        return self.model.num_timesteps // every > last // every
+
+    def add_point(self, model: BaseAlgorithm) -> None:
+        """A row of the learning curve, unless this step has one."""
+        if model.ep_info_buffer and model.num_timesteps > self._last_point:
+            self.curve.append(curve_row(model, self.seconds))
+
+    def at_rollout(self) -> bool:
+        """Between two rollouts, the only place where a run can be taken up again; False ends the training here."""
+        if self.request.number is not None or self._due(CHECKPOINTS, self.saved_at):
+            self.save(self.model)
+        return self.request.number is None
+
+    def save(self, model: BaseAlgorithm) -> None:
+        """Write a checkpoint; UserError if the training has diverged, which leaves the last one in place."""
+        refuse_diverged(model)
+        progress = {
+            "timesteps": model.num_timesteps,
+            "total_timesteps": self.total,
+            "seconds": round(self.seconds, 1),
+            "curve": self.curve,
+            **self.made_by,
+        }
+        self.folder.save(progress, sb3_state.collect(model))
+        self.saved_at = model.num_timesteps
+
+
+def refuse_diverged(model: BaseAlgorithm) -> None:
+    if not sb3_state.finite(model):
+        raise UserError(
+            f"training has diverged: after {model.num_timesteps} steps weights are not finite; a smaller learning_rate "
+            "may help"
+        )
 
 
 def curve_row(model: BaseAlgorithm, seconds: float) -> str:
@@ -137,56 +168,51 @@ def curve_row(model: BaseAlgorithm, seconds: float) -> str:
     return f"{model.num_timesteps},{seconds:.1f},{success:.4f},{mean_return:.3f},{length:.1f}"
 
 
-def save_checkpoint(model: BaseAlgorithm, folder: Path, curve: list[str], seconds: float) -> None:
-    """All that --resume needs, written aside and then put in place of the last one."""
-    state: dict[str, Any] = dict(model.get_parameters())
-    if getattr(model, "log_ent_coef", None) is not None:
-        state["log_ent_coef"] = model.log_ent_coef.detach()
-    content = io.BytesIO()
-    torch.save(state, content)
-    fresh, place = folder / "checkpoint.new", folder / "checkpoint"
-    shutil.rmtree(fresh, ignore_errors=True)
-    write_bytes(fresh / "model.pt", content.getvalue())
-    if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
-        buffer = model.replay_buffer
-        filled = buffer.buffer_size if buffer.full else buffer.pos
-        arrays = io.BytesIO()
-        np.savez(arrays, **{name: getattr(buffer, name)[:filled] for name in BUFFER_ARRAYS}, place=buffer.pos)
-        write_bytes(fresh / "replay_buffer.npz", arrays.getvalue())
-    write_json(
-        fresh / "progress.json", {"timesteps": model.num_timesteps, "seconds": round(seconds, 1), "curve": curve}
-    )
-    old = folder / "checkpoint.old"
-    shutil.rmtree(old, ignore_errors=True)
-    if place.exists():
-        place.rename(old)
-    fresh.rename(place)
-    shutil.rmtree(old, ignore_errors=True)
-    write_bytes(folder / "curve.csv", ("\n".join([CURVE_HEADER, *curve]) + "\n").encode())
+def load_checkpoint(folder: Folder, model: BaseAlgorithm, record: Record) -> str:
+    """Put the last checkpoint into a fresh model; says why the run cannot go on to the bit, "" if it does.
+
+    Raises:
+        UserError: it is damaged.
+    """
+    place = folder.checkpoint()
+    try:
+        if place is None:
+            raise FileError(f"{folder.path} has no checkpoint")
+        progress = folder.progress(place)
+        old = "digest" not in progress
+        if old:
+            state = old_checkpoint.read(place, model, progress["timesteps"])
+        else:
+            state = folder.arrays(place, progress["digest"], sb3_state.most_bytes(model))
+        with_env = sb3_state.put(model, state)
+        if model.num_timesteps != progress["timesteps"]:
+            raise FileError(f"{place}: has {progress['timesteps']} steps, its arrays {model.num_timesteps}")
+        refuse_diverged(model)
+    except (ValueError, OSError) as error:
+        raise UserError(f"--resume: the checkpoint is damaged: {shown(error)}") from None
+    record.curve, record.seconds_before = list(progress["curve"]), progress["seconds"]
+    record.saved_at = model.num_timesteps
+    if old:
+        return "the checkpoint is of an earlier revision and lacks the generators and the cars' state"
+    reasons = [] if with_env else [sb3_state.NO_SNAPSHOT]
+    now = record.made_by
+    for name, version in now["versions"].items():
+        before = progress["versions"].get(name, "missing")
+        if before != version:
+            reasons.append(f"{name} was {before} and is {version}")
+    reasons += [
+        f"the {words} was {progress[key]} and is {now[key]}"
+        for key, words in (("machine", "machine"), ("git", "revision"))
+        if progress[key] != now[key]
+    ]
+    if progress["total_timesteps"] != record.total and decays(model):
+        reasons.append(f"the decaying learning rate was to end at {progress['total_timesteps']} steps")
+    return shown("; ".join(reasons))
 
 
-def load_checkpoint(model: BaseAlgorithm, folder: Path) -> tuple[list[str], float]:
-    """Put a checkpoint's content into a fresh model; gives the curve so far and the seconds spent."""
-    place = folder / "checkpoint"
-    if not (place / "progress.json").is_file():
-        place = folder / "checkpoint.old"  # a kill between two renames leaves the last one here
-    if not (place / "progress.json").is_file():
-        raise UserError(f"--resume: {folder} has no checkpoint")
-    progress = json.loads((place / "progress.json").read_text(encoding="utf-8"))
-    # weights_only: tensors and plain containers, nothing that can run code.
-    state = torch.load(place / "model.pt", map_location="cpu", weights_only=True)
-    if "log_ent_coef" in state:
-        with torch.no_grad():
-            model.log_ent_coef.copy_(state.pop("log_ent_coef"))
-    model.set_parameters(state, exact_match=True, device="cpu")
-    if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
-        with np.load(place / "replay_buffer.npz", allow_pickle=False) as arrays:
-            buffer, filled = model.replay_buffer, len(arrays["rewards"])
-            for name in BUFFER_ARRAYS:
-                getattr(buffer, name)[:filled] = arrays[name]
-            buffer.pos, buffer.full = int(arrays["place"]), filled == buffer.buffer_size
-    model.num_timesteps = progress["timesteps"]
-    return progress["curve"], progress["seconds"]
+def decays(model: BaseAlgorithm) -> bool:
+    """Whether the learning rate depends on the number of steps that are to come."""
+    return bool(model.lr_schedule(0.25) != model.lr_schedule(0.75))
 
 
 def train(args: Args, console: Console) -> Path:
@@ -194,89 +220,112 @@ def train(args: Args, console: Console) -> Path:
     keywords = parse_keywords(args.env_keywords)
     environment(args.env_id)
     chosen = settings.read(args.env_id, args.algo, args.config)
-    total = chosen.total_timesteps if args.total_timesteps is None else args.total_timesteps
-    if total < 1:
-        raise UserError(f"--total-timesteps must be at least 1, got {total}")
-    if args.seed < 0:
-        raise UserError(f"--seed must be at least 0, got {args.seed}")
-    folder = args.out or Path("runs") / f"{args.env_id}-{args.algo}-{args.seed}"
+    if args.total_timesteps is not None and args.total_timesteps < 1:
+        raise UserError(f"--total-timesteps must be at least 1, got {args.total_timesteps}")
+    if not 0 <= args.seed < 2**32:
+        raise UserError(f"--seed must be at least 0 and less than 2^32, got {args.seed}")
+    path = args.out or Path("runs") / f"{args.env_id}-{args.algo}-{args.seed}"
+    if args.resume and not begun(path):
+        raise UserError(f"--resume: {path} holds no run")
     identity = {"env_id": args.env_id, "env_keywords": keywords, "algo": args.algo, "seed": args.seed}
-    if (folder / "run.json").exists():
-        if not args.resume:
-            raise UserError(f"{folder} holds a run already; choose another --out, or go on with --resume")
-        try:
-            before = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise UserError(f"--resume: {folder / 'run.json'} is damaged: {error}") from None
-        for name, value in identity.items():
-            if before.get(name) != value:
-                raise UserError(f"--resume: the run in {folder} has {name} = {before.get(name)!r}, not {value!r}")
-        chosen = settings.Settings(**before["settings"])
-    elif args.resume:
-        raise UserError(f"--resume: {folder} holds no run")
-
     torch.set_num_threads(1)  # small networks: more threads only wait for each other
-    model = build(args, chosen, keywords, folder / "tensorboard")
-    if args.resume:
-        try:
-            curve, seconds = load_checkpoint(model, folder)
-        except (OSError, ValueError, KeyError, RuntimeError, pickle.UnpicklingError) as error:
-            raise UserError(f"--resume: the checkpoint in {folder} is damaged: {str(error).splitlines()[0]}") from None
-        if before["finished"] and model.num_timesteps >= total:
+    model = None
+    if not args.resume:
+        refuse_run(path)
+        model = build(args, chosen, keywords, path / "tensorboard")  # mistakes are found before a folder is made
+    with held(path) as folder:
+        before = None
+        if args.resume:
+            before = earlier_run(folder, identity)
+            chosen = chosen if before is None else settings.Settings(**before["settings"])
+            model = build(args, chosen, keywords, path / "tensorboard")
+        else:
+            refuse_run(path)  # another training may have begun meanwhile
+        total = args.total_timesteps or chosen.total_timesteps
+        made_by = provenance.collect()
+        record = Record(folder, total, {name: made_by[name] for name in ("versions", "machine", "git")})
+        description = {
+            **identity,
+            "total_timesteps": total,
+            "settings": asdict(chosen),
+            **made_by,
+            "finished": False,
+            "resumed": [],
+        }
+        goes_on = before is not None and folder.checkpoint() is not None
+        if goes_on:
+            reason = load_checkpoint(folder, model, record)
+            if before["finished"] and model.num_timesteps >= total:
+                raise UserError(
+                    f"--resume: the run has {model.num_timesteps} steps already; give a larger --total-timesteps"
+                )
+            entry = {"at": model.num_timesteps, "exact": not reason, **({"reason": reason} if reason else {})}
+            description["resumed"] = [*before.get("resumed", []), entry]
+            if reason:
+                console.print(
+                    f"note: the run goes on, but not to the bit as without the stop: {reason}",
+                    markup=False,
+                    highlight=False,
+                    soft_wrap=True,
+                )
+        folder.write_record(description)
+        _learn(model, record, args.quiet, fresh=not goes_on)
+        record.add_point(model)
+        record.save(model)
+        export.network(model, args.algo, identity | {"timesteps": model.num_timesteps}).save(path)
+        spent = {"timesteps": model.num_timesteps, "seconds": round(record.seconds, 1)}
+        folder.write_record({**description, "finished": True, **spent})
+        model.get_env().close()
+    _summary(console, args, path, model, record.seconds)
+    return path
+
+
+def refuse_run(path: Path) -> None:
+    """UserError if a folder holds more than the beginning of a run."""
+    if has_run(path):
+        raise UserError(f"{path} holds a run already; choose another --out, or go on with --resume")
+
+
+def earlier_run(folder: Folder, identity: dict[str, Any]) -> dict[str, Any] | None:
+    """The record of the run in a folder; None if nothing was done yet. UserError if it is damaged or another run."""
+    try:
+        before = folder.record()
+        if before is None:
+            if folder.checkpoint() is not None:
+                raise FileError(f"{folder.path} has a checkpoint, but no run.json")
+            return None
+        settings.checked("settings", before["settings"], before["algo"])
+    except (ValueError, TypeError, OSError) as error:
+        raise UserError(f"--resume: the record of the run is damaged: {shown(error)}") from None
+    for name, value in identity.items():
+        if before.get(name) != value:
             raise UserError(
-                f"--resume: the run has {model.num_timesteps} steps already; give a larger --total-timesteps"
+                f"--resume: the run in {folder.path} has {name} = {shown(repr(before.get(name)))}, not {value!r}"
             )
-    else:
-        curve, seconds = [], 0.0
-        _reserve(folder)
-    description = {
-        **identity,
-        "total_timesteps": total,
-        "settings": asdict(chosen),
-        **provenance.collect(),
-        "finished": False,
-    }
-    write_json(folder / "run.json", description)
-    record = Record(folder, total, curve, seconds)
-    remaining = total - model.num_timesteps
-    if remaining > 0:
-        _learn(model, remaining, record, args.quiet, reset=not args.resume)
-    if model.ep_info_buffer:
-        curve.append(curve_row(model, record.seconds))
-    save_checkpoint(model, folder, curve, record.seconds)
-    export.network(model, args.algo, identity | {"timesteps": model.num_timesteps}).save(folder)
-    write_json(
-        folder / "run.json",
-        {**description, "finished": True, "timesteps": model.num_timesteps, "seconds": round(record.seconds, 1)},
-    )
-    model.get_env().close()
-    _summary(console, args, folder, model, record.seconds)
-    return folder
+    return before
 
 
-def _reserve(folder: Path) -> None:
-    """Make the folder of a new run; of two trainings that start at once, the second is refused."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "run.json").open("x").close()
-    except FileExistsError:
-        raise UserError(f"{folder} holds a run already, or is a file; choose another --out") from None
-
-
-def _learn(model: BaseAlgorithm, steps: int, record: Record, quiet: bool, reset: bool) -> None:
-    """Learn; Ctrl-C and a termination signal leave a checkpoint behind."""
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        model.learn(steps, callback=record, progress_bar=not quiet, reset_num_timesteps=reset)
-    except KeyboardInterrupt:
-        save_checkpoint(model, record.folder, record.curve, record.seconds)
-        raise UserError(f"stopped at {model.num_timesteps} steps; go on with the same command and --resume") from None
-    finally:
-        signal.signal(signal.SIGTERM, before)
+def _learn(model: BaseAlgorithm, record: Record, quiet: bool, fresh: bool) -> None:
+    """Learn what is left; Ctrl-C and a termination signal leave a checkpoint of the next place between two rollouts."""
+    remaining = record.total - model.num_timesteps
+    if remaining <= 0:
+        return
+    callbacks: list[BaseCallback] = [record] if quiet else [record, ProgressBarCallback()]
+    begin: Callable[[], bool] = record.at_rollout
+    with stopping.deferred() as record.request:
+        model.at_rollout = begin  # type: ignore[attr-defined]
+        try:
+            model.learn(remaining, callback=CallbackList(callbacks), reset_num_timesteps=fresh)
+        except ValueError:
+            refuse_diverged(model)  # SB3 and the environment refuse what is not finite, each in its own words
+            raise
+        if record.request.number is not None:
+            if record.saved_at < model.num_timesteps:  # it came in the last rollout
+                record.save(model)
+            raise stopping.Stopped(
+                record.request.number,
+                f"stopped at {model.num_timesteps} steps; go on with the same command and --resume",
+            )
 
 
 def _summary(console: Console, args: Args, folder: Path, model: BaseAlgorithm, seconds: float) -> None:

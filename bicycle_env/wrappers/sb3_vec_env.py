@@ -85,6 +85,30 @@ class SB3VecEnv(VecEnv):
         self.info = info
         return observation, reward.astype(np.float32), over, infos
 
+    def snapshot(self) -> Any:
+        """The whole state of the environment itself, generators included; AttributeError if it has no ``snapshot``.
+
+        Statistics that wrappers keep are not in it.
+        """
+        return self._native("snapshot")()
+
+    def restore(self, snapshot: Any) -> Any:
+        """Return to a snapshot of this or of an equally made environment; gives the observations there.
+
+        Seeds and options that were meant for the next reset are dropped. AttributeError if it has no ``restore``.
+        """
+        observation = self._native("restore")(snapshot)
+        self.info, self.reset_infos = {}, [{} for _ in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return observation
+
+    def _native(self, name: str) -> Any:
+        found = getattr(self.env.unwrapped, name, None)
+        if found is None:
+            raise AttributeError(f"{self.env.unwrapped} has no {name}(): gym.make_vec makes one that has")
+        return found
+
     def close(self) -> None:
         self.env.close()
 

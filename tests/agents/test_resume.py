@@ -1,0 +1,316 @@
+"""A run that was stopped and goes on is, to the bit, the run that was not stopped; where it cannot be, it says so."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import signal
+import stat
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from rich.console import Console
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from agents import run_folder, sb3_state, stopping, train
+from agents.messages import UserError
+from bicycle_env import provenance
+from bicycle_env.files import read_arrays
+from bicycle_env.wrappers import RecordSuccess
+
+CONFIG = Path(__file__).parent / "short_runs.toml"
+
+
+def start(algo, folder, resume=False, stop_at=None, number=signal.SIGTERM, console=None, **changes):
+    """Train; a signal arrives in the middle of the rollout in which `stop_at` is reached."""
+    args = replace(train.Args(algo=algo, seed=3, out=folder, quiet=True, config=CONFIG, resume=resume), **changes)
+    with pytest.MonkeyPatch.context() as patch:
+        if stop_at is not None:
+            on_step, sent = train.Record._on_step, []
+
+            def on_step_and_signal(record):
+                if record.num_timesteps >= stop_at and not sent:
+                    sent.append(signal.raise_signal(number))
+                return on_step(record)
+
+            patch.setattr(train.Record, "_on_step", on_step_and_signal)
+        train.train(args, console or Console(quiet=True))
+    return folder
+
+
+def arrays(folder):
+    """All of a run's state at its end, but for the seconds at which episodes ended."""
+    (path,) = (folder / "checkpoint").glob("state-*")
+    return {name: array for name, array in read_arrays(path).items() if name != "episodes.t"}
+
+
+def curve(folder):
+    """The learning curve without its seconds."""
+    rows = [row.split(",") for row in (folder / "curve.csv").read_text().splitlines()]
+    return [[steps, *means] for steps, _, *means in rows]
+
+
+def resumes(folder):
+    return json.loads((folder / "run.json").read_text())["resumed"]
+
+
+def assert_equal(one, other):
+    a, b = arrays(one), arrays(other)
+    assert list(a) == list(b)
+    assert [name for name in a if not np.array_equal(a[name], b[name])] == []
+    assert curve(one) == curve(other)
+    assert (one / "policy.safetensors").read_bytes() == (other / "policy.safetensors").read_bytes()
+
+
+@pytest.fixture(scope="module", params=["ppo", "sac", "td3"])
+def straight(request, tmp_path_factory):
+    return request.param, start(request.param, tmp_path_factory.mktemp("straight") / request.param)
+
+
+@pytest.mark.parametrize(
+    "share", [0.0, 0.3, 0.75]
+)  # before the first rollout's end, in SAC's and TD3's warm-up, after it
+def test_a_stopped_run_gives_the_bits_of_a_straight_one(straight, tmp_path, share):
+    algo, whole = straight
+    total = json.loads((whole / "run.json").read_text())["total_timesteps"]
+    folder = tmp_path / "run"
+    with pytest.raises(stopping.Stopped, match=r"stopped at \d+ steps; go on with .* --resume") as caught:
+        start(algo, folder, stop_at=share * total)
+    assert caught.value.code == 143
+    assert not (folder / "policy.json").exists()
+    start(algo, folder, resume=True)
+    assert_equal(folder, whole)
+    (entry,) = resumes(folder)
+    assert entry["exact"] is True
+    assert share * total <= entry["at"] < total
+
+
+def test_a_run_stopped_twice_and_by_a_kill(straight, tmp_path, monkeypatch):
+    algo, whole = straight
+    folder = tmp_path / "run"
+    saved = []
+
+    class KilledError(BaseException):
+        pass
+
+    def save(record, model):
+        original(record, model)
+        saved.append(model.num_timesteps)
+        if len(saved) == 3:
+            raise KilledError
+
+    original = train.Record.save
+    monkeypatch.setattr(train.Record, "save", save)
+    with pytest.raises(KilledError):
+        start(algo, folder)
+    with pytest.raises(stopping.Stopped):
+        start(algo, folder, resume=True, stop_at=0, number=signal.SIGINT)
+    start(algo, folder, resume=True)
+    assert_equal(folder, whole)
+    assert [entry["exact"] for entry in resumes(folder)] == [True, True]
+
+
+def test_a_signal_in_the_last_rollout_is_obeyed_and_nothing_is_lost(tmp_path, straight):
+    algo, whole = straight
+    total = json.loads((whole / "run.json").read_text())["total_timesteps"]
+    with pytest.raises(stopping.Stopped):
+        start(algo, tmp_path / "run", stop_at=total)
+    start(algo, tmp_path / "run", resume=True)
+    assert_equal(tmp_path / "run", whole)
+
+
+def test_a_signal_before_the_first_rollout(tmp_path, straight, monkeypatch):
+    algo, whole = straight
+    with monkeypatch.context() as patch:
+        patch.setattr(train.Record, "_on_training_start", lambda _: signal.raise_signal(signal.SIGINT))
+        with pytest.raises(stopping.Stopped, match="at 0 steps"):
+            start(algo, tmp_path / "run")
+    start(algo, tmp_path / "run", resume=True)
+    assert_equal(tmp_path / "run", whole)
+
+
+def test_another_seed_gives_other_bits(straight, tmp_path):
+    algo, whole = straight
+    other = start(algo, tmp_path / "run", seed=4)
+    assert (other / "policy.safetensors").read_bytes() != (whole / "policy.safetensors").read_bytes()
+
+
+def test_a_longer_run_is_exact_only_without_a_decaying_rate(tmp_path):
+    said = io.StringIO()
+    for algo, exact in (("ppo", False), ("sac", True)):
+        folder = start(algo, tmp_path / algo)
+        total = 2 * json.loads((folder / "run.json").read_text())["total_timesteps"]
+        start(algo, folder, resume=True, total_timesteps=total, console=Console(file=said))
+        whole = start(algo, tmp_path / f"{algo}-straight", total_timesteps=total)
+        (entry,) = resumes(folder)
+        assert entry["exact"] is exact
+        same = (folder / "policy.safetensors").read_bytes() == (whole / "policy.safetensors").read_bytes()
+        assert same is exact
+        assert ("decaying learning rate" in entry.get("reason", "")) is not exact
+    assert said.getvalue().count("note: the run goes on, but not to the bit") == 1
+
+
+def test_an_environment_without_snapshot(tmp_path, monkeypatch):
+    def one_by_one(env):
+        return DummyVecEnv([lambda: RecordSuccess(gym.make("BicycleStab-v0"))] * env.num_envs)
+
+    monkeypatch.setattr(train, "SB3VecEnv", one_by_one)
+    with pytest.raises(stopping.Stopped):
+        start("ppo", tmp_path / "run", stop_at=500)
+    said = io.StringIO()
+    start("ppo", tmp_path / "run", resume=True, console=Console(file=said))
+    assert resumes(tmp_path / "run")[0] == {"at": 512, "exact": False, "reason": sb3_state.NO_SNAPSHOT}
+    assert sb3_state.NO_SNAPSHOT in said.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("versions", {"stable-baselines3": "2.4.0"}, "stable-baselines3 was 2.4.0 and is"),
+        ("machine", "a slide rule", "the machine was a slide rule"),
+        ("git", "0123", "the revision was 0123"),
+    ],
+)
+def test_other_versions_and_machines_are_said(tmp_path, monkeypatch, key, value, words):
+    made_by = provenance.collect()
+    merged = {**made_by["versions"], **value} if key == "versions" else value
+    with monkeypatch.context() as patch:
+        patch.setattr(provenance, "collect", lambda: {**made_by, key: merged})
+        with pytest.raises(stopping.Stopped):
+            start("ppo", tmp_path / "run", stop_at=500)
+    start("ppo", tmp_path / "run", resume=True)
+    (entry,) = resumes(tmp_path / "run")
+    assert entry["exact"] is False
+    assert words in entry["reason"]
+
+
+def old_checkpoint(folder):
+    """Write the run's checkpoint anew as earlier revisions did."""
+    (path,) = (folder / "checkpoint").glob("state-*")
+    found = read_arrays(path)
+    state, parts = {}, {"policy": {}}
+    for name, array in found.items():
+        if name.startswith("policy."):
+            parts["policy"][name.removeprefix("policy.")] = torch.from_numpy(array)
+        elif name == "log_ent_coef":
+            parts[name] = torch.from_numpy(array)
+        elif name.startswith("optimizer."):
+            owner, _, key = name.removeprefix("optimizer.").rpartition(".")
+            if key == "lr":
+                parts.setdefault(owner, {"state": {}})["param_groups"] = [{"lr": rate} for rate in array.tolist()]
+            else:
+                owner, _, index = owner.rpartition(".")
+                moments = parts.setdefault(owner, {"state": {}})["state"].setdefault(int(index), {})
+                moments[key] = torch.from_numpy(array)
+        elif name.startswith("buffer.") and name != "buffer.place":
+            state[name.removeprefix("buffer.")] = array
+    torch.save(parts, folder / "checkpoint" / "model.pt")
+    if state:
+        np.savez(folder / "checkpoint" / "replay_buffer.npz", **state, place=found["buffer.place"][0])
+    progress = json.loads((folder / "checkpoint" / "progress.json").read_text())
+    kept = {key: progress[key] for key in ("timesteps", "seconds", "curve")}
+    (folder / "checkpoint" / "progress.json").write_text(json.dumps(kept))
+    path.unlink()
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+@pytest.mark.parametrize("place", ["checkpoint", "checkpoint.old"])
+def test_a_checkpoint_of_an_earlier_revision_goes_on_with_a_remark(tmp_path, algo, place):
+    folder = tmp_path / "run"
+    with pytest.raises(stopping.Stopped):
+        start(algo, folder, stop_at=300)
+    old_checkpoint(folder)
+    if place != "checkpoint":  # a kill between the two renames of that time
+        (folder / "checkpoint").rename(folder / place)
+        shutil.copytree(folder / place, folder / "checkpoint.new")
+    weights = torch.load(folder / place / "model.pt", weights_only=True)["policy"]
+    loaded = []
+    with pytest.MonkeyPatch.context() as patch:
+        learn = train._learn
+
+        def look(model, *arguments, **keywords):
+            loaded.append({name: tensor.clone() for name, tensor in model.policy.state_dict().items()})
+            learn(model, *arguments, **keywords)
+
+        patch.setattr(train, "_learn", look)
+        start(algo, folder, resume=True)
+    assert all(torch.equal(loaded[0][name], weights[name]) for name in weights)
+    (entry,) = resumes(folder)
+    assert entry["exact"] is False
+    assert "earlier revision" in entry["reason"]
+    names = sorted(path.name for path in (folder / "checkpoint").iterdir())
+    assert names[0] == "progress.json"
+    assert len(names) == 2
+    assert not (folder / "checkpoint.old").exists()
+    assert not (folder / "checkpoint.new").exists()
+
+
+@pytest.mark.parametrize("resume", [True, False])
+@pytest.mark.parametrize("record", [None, "", "full"])
+def test_a_folder_that_was_killed_before_its_first_checkpoint_starts_from_the_beginning(
+    tmp_path, straight, record, resume
+):
+    algo, whole = straight
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / ".lock").touch()
+    (folder / ".run.json.0123456789abcdef.partial").write_text("{")
+    (folder / "checkpoint").mkdir()
+    (folder / "checkpoint" / ".progress.json.0123456789abcdef.partial").write_text("{")
+    if record is not None:
+        content = json.loads((whole / "run.json").read_text()) | {"finished": False}
+        (folder / "run.json").write_text(json.dumps(content) if record else "")
+    start(algo, folder, resume=resume)
+    assert (folder / "policy.safetensors").read_bytes() == (whole / "policy.safetensors").read_bytes()
+    assert resumes(folder) == []
+    assert not list(folder.rglob("*.partial"))
+
+
+@pytest.mark.parametrize("resume", [True, False])
+def test_a_second_training_in_the_folder_is_refused(tmp_path, resume):
+    with run_folder.held(tmp_path / "run"):
+        with pytest.raises(UserError, match="another training is at work") as caught:
+            start("ppo", tmp_path / "run", resume=resume)
+        assert "\n" not in str(caught.value)
+    start("ppo", tmp_path / "run", resume=resume)
+
+
+def test_files_have_the_modes_that_the_umask_leaves(tmp_path):
+    before = os.umask(0o027)
+    try:
+        folder = start("ppo", tmp_path / "run")
+    finally:
+        os.umask(before)
+    own = [path for path in folder.rglob("*") if path.is_file() and "tensorboard" not in path.parts]
+    assert {stat.S_IMODE(path.stat().st_mode) for path in own} == {0o640}
+
+
+def test_nothing_to_do_is_one_line_and_changes_nothing(tmp_path, straight):
+    algo, whole = straight
+    before = (whole / "run.json").read_bytes()
+    with pytest.raises(UserError, match="larger --total-timesteps"):
+        start(algo, whole, resume=True, total_timesteps=100)
+    assert (whole / "run.json").read_bytes() == before
+
+
+def test_a_training_that_diverges_is_one_line_and_keeps_its_last_checkpoint(tmp_path, monkeypatch):
+    at_rollout = train.Record.at_rollout
+
+    def spoil(record):
+        if record.num_timesteps == 1024:
+            with torch.no_grad():
+                record.model.policy.action_net.weight.fill_(np.nan)
+        return at_rollout(record)
+
+    monkeypatch.setattr(train.Record, "at_rollout", spoil)
+    with pytest.raises(UserError, match=r"diverged: after \d+ steps"):
+        start("ppo", tmp_path / "run")
+    monkeypatch.undo()
+    assert all(np.all(np.isfinite(array)) for array in arrays(tmp_path / "run").values())
+    start("ppo", tmp_path / "run", resume=True)
