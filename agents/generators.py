@@ -39,7 +39,7 @@ def set_process(states: Mapping[str, NDArray[Any]]) -> None:
         random.setstate((3, tuple(states["python"].tolist()), gauss[0] if gauss else None))
         np.random.set_state(("MT19937", states["numpy"], place, has_gauss, float(states["numpy_gauss"][0])))  # noqa: NPY002
         torch.set_rng_state(torch.from_numpy(states["torch"]))
-    except (RuntimeError, TypeError) as error:
+    except (RuntimeError, TypeError, ValueError) as error:
         raise ValueError(f"the generators' states are impossible: {error}") from None
 
 

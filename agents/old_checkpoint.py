@@ -62,10 +62,10 @@ class _opened:  # noqa: N801 (used as a function)
         return content
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        # torch.load and numpy.load raise of everything on damaged files, and document none of it.
+        # torch.load and numpy.load raise of everything on damaged files, document none of it, and advise to trust them.
         if isinstance(error, Exception) and not isinstance(error, (FileError, OSError)):
             with naming(self.path):
-                raise ValueError(f"damaged: {str(error).strip().splitlines()[:1]}") from None
+                raise ValueError(f"not the weights or the buffer of a checkpoint ({type(error).__name__})") from None
 
 
 def _weights(path: Path, largest: int) -> sb3_state.State:

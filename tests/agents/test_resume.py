@@ -8,46 +8,19 @@ import os
 import shutil
 import signal
 import stat
-from dataclasses import replace
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 from rich.console import Console
+from short_runs import arrays, old_checkpoint, start
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from agents import run_folder, sb3_state, stopping, train
 from agents.messages import UserError
 from bicycle_env import provenance
-from bicycle_env.files import read_arrays
 from bicycle_env.wrappers import RecordSuccess
-
-CONFIG = Path(__file__).parent / "short_runs.toml"
-
-
-def start(algo, folder, resume=False, stop_at=None, number=signal.SIGTERM, console=None, **changes):
-    """Train; a signal arrives in the middle of the rollout in which `stop_at` is reached."""
-    args = replace(train.Args(algo=algo, seed=3, out=folder, quiet=True, config=CONFIG, resume=resume), **changes)
-    with pytest.MonkeyPatch.context() as patch:
-        if stop_at is not None:
-            on_step, sent = train.Record._on_step, []
-
-            def on_step_and_signal(record):
-                if record.num_timesteps >= stop_at and not sent:
-                    sent.append(signal.raise_signal(number))
-                return on_step(record)
-
-            patch.setattr(train.Record, "_on_step", on_step_and_signal)
-        train.train(args, console or Console(quiet=True))
-    return folder
-
-
-def arrays(folder):
-    """All of a run's state at its end, but for the seconds at which episodes ended."""
-    (path,) = (folder / "checkpoint").glob("state-*")
-    return {name: array for name, array in read_arrays(path).items() if name != "episodes.t"}
 
 
 def curve(folder):
@@ -188,35 +161,6 @@ def test_other_versions_and_machines_are_said(tmp_path, monkeypatch, key, value,
     (entry,) = resumes(tmp_path / "run")
     assert entry["exact"] is False
     assert words in entry["reason"]
-
-
-def old_checkpoint(folder):
-    """Write the run's checkpoint anew as earlier revisions did."""
-    (path,) = (folder / "checkpoint").glob("state-*")
-    found = read_arrays(path)
-    state, parts = {}, {"policy": {}}
-    for name, array in found.items():
-        if name.startswith("policy."):
-            parts["policy"][name.removeprefix("policy.")] = torch.from_numpy(array)
-        elif name == "log_ent_coef":
-            parts[name] = torch.from_numpy(array)
-        elif name.startswith("optimizer."):
-            owner, _, key = name.removeprefix("optimizer.").rpartition(".")
-            if key == "lr":
-                parts.setdefault(owner, {"state": {}})["param_groups"] = [{"lr": rate} for rate in array.tolist()]
-            else:
-                owner, _, index = owner.rpartition(".")
-                moments = parts.setdefault(owner, {"state": {}})["state"].setdefault(int(index), {})
-                moments[key] = torch.from_numpy(array)
-        elif name.startswith("buffer.") and name != "buffer.place":
-            state[name.removeprefix("buffer.")] = array
-    torch.save(parts, folder / "checkpoint" / "model.pt")
-    if state:
-        np.savez(folder / "checkpoint" / "replay_buffer.npz", **state, place=found["buffer.place"][0])
-    progress = json.loads((folder / "checkpoint" / "progress.json").read_text())
-    kept = {key: progress[key] for key in ("timesteps", "seconds", "curve")}
-    (folder / "checkpoint" / "progress.json").write_text(json.dumps(kept))
-    path.unlink()
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac"])
