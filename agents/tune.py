@@ -72,17 +72,21 @@ def tune(
 def record(tuning: optimum.Tuning) -> dict[str, Any]:
     """What a results file says about a tuning; "weights" are the best."""
     rates = [candidate.success_rate for candidate in tuning.restarts]
-    rows = {"best": tuning.best, "shipped": tuning.shipped}
     return {
         "weights": tuning.best.weights._asdict(),
         "tuning_starts": TUNING_STARTS,
         "selection_starts": SELECTION_STARTS,
         "on_selection_starts": {
-            **{name: _figures(candidate) for name, candidate in rows.items()},
+            **{name: _figures(candidate) for name, candidate in _named(tuning).items()},
             "restarts": [_figures(candidate) for candidate in tuning.restarts],
             "success_rate_of_restarts": [min(rates), max(rates)],
         },
     }
+
+
+def _named(tuning: optimum.Tuning) -> dict[str, Any]:
+    """The best, and the weights that come with the package, if they do."""
+    return {"best": tuning.best, **({"shipped": tuning.shipped} if tuning.shipped else {})}
 
 
 def _figures(candidate: Any) -> dict[str, Any]:
@@ -94,8 +98,7 @@ def table(tuning: optimum.Tuning) -> Table:
     shown = Table(title=f"on {SELECTION_STARTS} starts that select", box=box.SIMPLE_HEAD, title_justify="left")
     for name in ("", "success %", "on road %", "return", *tuning.best.weights._fields):
         shown.add_column(name.replace("_", " "), justify="right" if name else "left")
-    rows = {"best": tuning.best, "shipped": tuning.shipped}
-    rows |= {f"restart {k}": candidate for k, candidate in enumerate(tuning.restarts)}
+    rows = _named(tuning) | {f"restart {k}": candidate for k, candidate in enumerate(tuning.restarts)}
     for name, one in rows.items():
         figures = (f"{100 * one.success_rate:.1f}", f"{100 * one.on_road_rate:.1f}", f"{one.mean_return:.1f}")
         shown.add_row(name, *figures, *(f"{weight:.4g}" for weight in one.weights))

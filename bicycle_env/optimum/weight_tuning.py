@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -43,8 +44,8 @@ class Tuning(NamedTuple):
     """Of all restarts, and of the shipped weights, the best on the starts that select."""
     restarts: tuple[Candidate, ...]
     """The best of each restart: their spread tells how far the result depends on chance."""
-    shipped: Candidate
-    """The task's shipped weights on the same starts."""
+    shipped: Candidate | None
+    """The task's shipped weights on the same starts; None for a task that comes without."""
 
 
 def tune_weights(
@@ -82,6 +83,9 @@ def tune_weights(
     names = [name for name in LOGARITHMS if name != UNUSED[plant.steer]]
     low, high = np.array([LOGARITHMS[name] for name in names]).T
     judge = _Judge(env_id, keywords, plant)
+    shipped: list[Weights] = []
+    with contextlib.suppress(ValueError):  # none come with the package for this task
+        shipped.append(tuned_weights(plant.task.name))
     finalists: list[Weights] = []
     for restart in range(restarts):
         random = np.random.default_rng([seed, restart])
@@ -98,15 +102,16 @@ def tune_weights(
             if progress is not None:
                 progress(restart * iterations + iteration + 1, restarts * iterations)
         finalists += [_weights(names, mean), _weights(names, best)]
-    shipped = tuned_weights(plant.task.name)
-    outcomes = judge.outcomes([*finalists, shipped], selection_seeds)
+    finalists += shipped
+    outcomes = judge.outcomes(finalists, selection_seeds)
     ranks = [judge.score(outcome) for outcome in outcomes]
     if max(ranks) == -np.inf:
         raise np.linalg.LinAlgError(f"no weights give a regulator for {env_id} with {dict(keywords)}")
-    candidates = [_candidate(*pair) for pair in zip([*finalists, shipped], outcomes, strict=True)]
+    candidates = [_candidate(*pair) for pair in zip(finalists, outcomes, strict=True)]
     winners = [max((2 * k, 2 * k + 1), key=ranks.__getitem__) for k in range(restarts)]
-    best_of_all = max([*winners, len(candidates) - 1], key=ranks.__getitem__)
-    return Tuning(candidates[best_of_all], tuple(candidates[k] for k in winners), candidates[-1])
+    best_of_all = max([*winners, *range(2 * restarts, len(candidates))], key=ranks.__getitem__)
+    restarted = tuple(candidates[k] for k in winners)
+    return Tuning(candidates[best_of_all], restarted, candidates[-1] if shipped else None)
 
 
 class _Judge:

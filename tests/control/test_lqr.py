@@ -1,6 +1,7 @@
 """Gains of the regulators, against the equations that define them and against brute force."""
 
 import itertools
+import json
 import math
 
 import gymnasium as gym
@@ -10,7 +11,7 @@ import pytest
 from bicycle_env import analysis, vehicles
 from bicycle_env.analysis.linear_model import continuous_model, rk4_map
 from bicycle_env.control.design import continuous_gain, discrete_gain, preview_gain
-from bicycle_env.control.lqr import LQR, Weights, tuned_weights
+from bicycle_env.control.lqr import LQR, Weights, read_weights, tuned_weights
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.registration import ENVIRONMENTS
 
@@ -282,3 +283,33 @@ def test_the_stability_that_the_design_starts_from():
     env = plant()
     growth = max(np.log(np.linalg.eigvals(env.linear_model().A.astype(complex))).real) / env.control_timestep
     assert growth == pytest.approx(max(analysis.eigenvalues(env.vehicle, env.speed).real), rel=1e-6)
+
+
+GOOD = tuned_weights("stabilise")._asdict()
+
+
+def test_weights_from_a_file(tmp_path):
+    path = tmp_path / "weights.json"
+    path.write_text(json.dumps({"command": "whatever", "weights": GOOD}))
+    assert read_weights(path) == tuned_weights("stabilise")
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("[1", "JSON"),
+        ("[]", "must be a table of weights"),
+        ('{"command": 1}', "missing: 'weights'"),
+        (json.dumps({"weights": {**GOOD, "heading": 0.0}}), "weights.heading must be"),
+        (json.dumps({"weights": {**GOOD, "heading": "1"}}), "weights.heading must be"),
+        (json.dumps({"weights": {**GOOD, "headnig": 1.0}}), "did you mean 'heading'"),
+        (json.dumps({"weights": {"heading": 1.0}}), "missing: 'lateral_position'"),
+    ],
+)
+def test_a_damaged_file_of_weights_is_one_line_that_names_it(tmp_path, content, text):
+    path = tmp_path / "weights.json"
+    path.write_text(content)
+    with pytest.raises(ValueError, match=text) as raised:
+        read_weights(path)
+    assert "weights.json" in str(raised.value)
+    assert "\n" not in str(raised.value)

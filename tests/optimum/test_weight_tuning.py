@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import bicycle_env  # noqa: F401
+from agents import tune
 from agents.episodes import start_seeds
 from bicycle_env.control import Weights, tuned_weights
 from bicycle_env.optimum import tune_weights
@@ -59,6 +60,18 @@ def test_the_shipped_weights_stay_where_nothing_better_is_found():
     assert len(found.restarts) == 2
     best = max([found.shipped, *found.restarts], key=lambda one: one.success_rate + one.mean_return / 400)
     assert found.best == best
+
+
+def test_a_task_without_shipped_weights_can_be_tuned(monkeypatch):
+    def none(name):
+        raise ValueError(f"no weights for {name}")
+
+    monkeypatch.setattr("bicycle_env.optimum.weight_tuning.tuned_weights", none)
+    found = tune_weights("BicycleStab-v0", {}, TUNE[:2], SELECT[:8], restarts=2, iterations=1)
+    assert found.shipped is None
+    assert found.best in found.restarts
+    assert "shipped" not in tune.record(found)["on_selection_starts"]
+    assert tune.table(found).row_count == 3
 
 
 def test_weights_that_give_no_regulator_are_an_error(monkeypatch):
