@@ -83,19 +83,19 @@ class BicycleStabEnv(SingleTrackEnv):
 
     | Keyword | Default | Meaning |
     |---------|---------|---------|
-    | vehicle | `"oversteer"` | a name in `bicycle_env.vehicles` or a `Vehicle` |
-    | tire | `"fiala"` | `"linear"`, `"tanh"`, `"fiala"`, `"magic_formula"` or a tire object |
+    | vehicle | `"oversteer"` | a name in `bicycle_env.vehicles`, a file (.toml, .json), a `Vehicle` or a dict |
+    | tire | `"fiala"` | `"linear"`, `"tanh"`, `"fiala"`, `"magic_formula"`, a tire object or a dict |
     | speed | `None` | m/s; not with speed_ratio; 30 if neither is given and the vehicle has no critical speed |
     | speed_ratio | `None` | speed as a multiple of the vehicle's critical speed; 1.2 if neither is given |
     | steer | `"both"` | `"front"`, `"rear"` or `"both"` |
     | friction | `1.0` | road friction coefficient |
     | geometry | `None` | `"small_angle"` or `"exact"`; by default small_angle for the linear tire, else exact |
-    | front_actuator | `Actuator(6 deg, 40 deg/s, 0.05 s)` | `Actuator(angle_limit, rate_limit, time_constant)`, SI |
+    | front_actuator | `Actuator(6 deg, 40 deg/s, 0.05 s)` | `Actuator(angle_limit, rate_limit, time_constant)` or a dict, SI |
     | rear_actuator | `Actuator(3 deg, 9 deg/s, 0.05 s)` | the same for the rear axle |
     | control_timestep | `0.02` | s between actions |
     | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
     | reward | `"default"` | `"default"` or `"quadratic"` |
-    | horizon | `None` | steps that a failure of the quadratic reward pays for; 400 by default |
+    | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 400, by default |
     | telemetry | `False` | more in `info` |
     | render_mode | `None` | `"human"` or `"rgb_array"` |
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,10 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuous_model, rk4_map
 from bicycle_env.analysis.stability import Stability, stability
-from bicycle_env.physics import tires
+from bicycle_env.envs.plain import plain_spec
+from bicycle_env.envs.time_limit import resolve_horizon
+from bicycle_env.envs.told import Told, frozen, tell
+from bicycle_env.physics import actuators, tires
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.integrators import check_timestep
 from bicycle_env.physics.linear_single_track import fastest_rate, state_matrix
@@ -113,38 +117,57 @@ class Configuration:
 class Configured:
     """Gives an environment its configuration's fields as attributes."""
 
-    configuration: Configuration
-    task: Task
-    vehicle: Vehicle
-    tire: tires.Tire
-    speed: float
-    steer: str
-    friction: float
-    geometry: str
-    reward: str
-    horizon: int
-    front_actuator: Actuator
-    rear_actuator: Actuator
-    control_timestep: float
-    physics_timestep: float
-    substeps: int
-    rules: Rules
-    observation_entries: tuple[Entry, ...]
-    observation_names: tuple[str, ...]
-    observation_scale: NDArray[np.float64]
+    configuration = Told[Configuration]()
+    task = Told[Task]()
+    vehicle = Told[Any]()
+    """A Vehicle; a tuple of num_envs of them where each car has its own."""
+    tire = Told[tires.Tire]()
+    speed = Told[Any]()
+    """m/s; an array (num_envs,) where each car has its own."""
+    steer = Told[str]()
+    friction = Told[Any]()
+    """An array (num_envs,) where each car has its own."""
+    geometry = Told[str]()
+    reward = Told[str]()
+    horizon = Told[int]()
+    """Steps that a failure of the quadratic reward pays for: the time limit, unless given."""
+    front_actuator = Told[Actuator]()
+    rear_actuator = Told[Actuator]()
+    control_timestep = Told[float]()
+    physics_timestep = Told[float]()
+    substeps = Told[int]()
+    rules = Told[Rules]()
+    observation_entries = Told[tuple[Entry, ...]]()
+    observation_names = Told[tuple[str, ...]]()
+    observation_scale = Told[NDArray[np.float64]]()
     """(entries,)"""
-    observation_mirror: NDArray[np.float64]
+    observation_mirror = Told[NDArray[np.float64]]()
     """(entries,): +1 or -1, what each entry is multiplied by in the mirror image."""
+    telemetry = Told[bool]()
+    _spec: Any = None
     closed: bool = False
     """After close() only what is can be asked, such as ``state``; nothing can be done any more."""
 
     def _adopt(self, configuration: Configuration) -> None:
-        self.configuration = configuration
-        for field in dataclasses.fields(configuration):
-            setattr(self, field.name, getattr(configuration, field.name))
-        self.observation_names = tuple(entry.name for entry in configuration.observation_entries)
-        self.observation_scale = configuration.observation_scale
-        self.observation_mirror = np.full(len(self.observation_names), -1.0)
+        fields = {field.name: getattr(configuration, field.name) for field in dataclasses.fields(configuration)}
+        names = tuple(entry.name for entry in configuration.observation_entries)
+        tell(
+            self,
+            configuration=configuration,
+            **fields,
+            observation_names=names,
+            observation_scale=frozen(configuration.observation_scale),
+            observation_mirror=frozen(np.full(len(names), -1.0)),
+        )
+
+    @property
+    def spec(self) -> Any:
+        """How the environment was made, the keywords in their plain form: its JSON makes an equal one."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: Any) -> None:
+        self._spec = plain_spec(spec)
 
     def _refuse_if_closed(self, asked: str) -> None:
         if self.closed:
@@ -163,21 +186,25 @@ class Configured:
 def configure(
     task: Task,
     *,
-    vehicle: str | Vehicle,
-    tire: str | tires.Tire,
+    vehicle: str | Vehicle | Mapping[str, Any],
+    tire: str | tires.Tire | Mapping[str, Any],
     speed: float | None,
     speed_ratio: float | None,
     steer: str,
     friction: float,
     geometry: str | None,
-    front_actuator: Actuator,
-    rear_actuator: Actuator,
+    front_actuator: Actuator | Mapping[str, Any],
+    rear_actuator: Actuator | Mapping[str, Any],
     control_timestep: float,
     physics_timestep: float,
     reward: str,
     horizon: int | None,
+    time_limit: int | None = None,
 ) -> Configuration:
-    """Check every keyword; ValueError or TypeError names a bad one, its value and what is allowed."""
+    """Check every keyword; ValueError or TypeError names a bad one, its value and what is allowed.
+
+    `time_limit`: steps of an episode, the default of the horizon; None where it is not known or there is none.
+    """
     vehicle = resolve_vehicle(vehicle)
     tire = tires.resolve(tire)
     speed = resolve_speed(vehicle, speed, speed_ratio)
@@ -185,9 +212,9 @@ def configure(
     friction = in_range("friction", friction)
     geometry = resolve_geometry(geometry, tire)
     reward = choice("reward", reward, REWARDS)
-    horizon = whole("horizon", task.episode_steps if horizon is None else horizon)
-    front_actuator = _actuator("front_actuator", front_actuator)
-    rear_actuator = _actuator("rear_actuator", rear_actuator)
+    horizon = whole("horizon", resolve_horizon(horizon, time_limit, task.episode_steps))
+    front_actuator = actuators.resolve("front_actuator", front_actuator)
+    rear_actuator = actuators.resolve("rear_actuator", rear_actuator)
     control_timestep = in_range("control_timestep", control_timestep, "timestep")
     physics_timestep = in_range("physics_timestep", physics_timestep, "timestep")
     lags = (1.0 / front_actuator.time_constant, 1.0 / rear_actuator.time_constant)
@@ -245,12 +272,6 @@ def resolve_speed(vehicle: Vehicle, speed: float | None, speed_ratio: float | No
             "give speed in m/s"
         )
     return checked_speed(ratio * vehicle.critical_speed, "speed_ratio x critical speed")
-
-
-def _actuator(name: str, value: object) -> Actuator:
-    if not isinstance(value, Actuator):
-        raise TypeError(f"{name} must be an Actuator(angle_limit, rate_limit, time_constant), got {value!r}")
-    return value
 
 
 def _substeps(control_timestep: float, physics_timestep: float) -> int:

@@ -15,6 +15,7 @@ from bicycle_env.analysis.stability import Stability
 from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure, resolve_speed
 from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names
+from bicycle_env.envs.told import Told, frozen, tell
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.single_track import Car, car_on_road
 from bicycle_env.physics.validation import known_keys
@@ -111,7 +112,7 @@ def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> F
     )
 
 
-def registered_fleet(spec: Any, num_envs: int, keywords: Mapping[str, Any]) -> Fleet:
+def registered_fleet(spec: Any, num_envs: int, keywords: Mapping[str, Any], time_limit: int | None = None) -> Fleet:
     """The cars of a registered id: the single environment's defaults, the registered keywords, then those given.
 
     Raises:
@@ -121,11 +122,16 @@ def registered_fleet(spec: Any, num_envs: int, keywords: Mapping[str, Any]) -> F
     env_class = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
     if not (isinstance(env_class, type) and issubclass(env_class, SingleTrackEnv)):
         raise ValueError(f"env_id must be of a single-track environment, got {spec.id!r}")
-    return fleet_of(env_class, num_envs, {**spec.kwargs, **keywords})
+    return fleet_of(env_class, num_envs, {**spec.kwargs, **keywords}, time_limit)
 
 
-def fleet_of(env_class: type[SingleTrackEnv], num_envs: int, keywords: Mapping[str, Any]) -> Fleet:
-    """The cars of a single environment's class: its defaults, then the keywords given. Raises as the one above."""
+def fleet_of(
+    env_class: type[SingleTrackEnv], num_envs: int, keywords: Mapping[str, Any], time_limit: int | None = None
+) -> Fleet:
+    """The cars of a single environment's class: its defaults, then the keywords given. Raises as the one above.
+
+    `time_limit`: steps of an episode, None where there is none.
+    """
     given = dict(keywords)
     allowed = [name for name in keyword_names(env_class.task_class) if name not in ONE_CAR]
     known_keys("keyword", given, allowed, TypeError)
@@ -133,9 +139,9 @@ def fleet_of(env_class: type[SingleTrackEnv], num_envs: int, keywords: Mapping[s
     shared = {
         name: given.pop(name, defaults[name].default)
         for name in inspect.signature(configure).parameters
-        if name != "task"
+        if name not in ("task", "time_limit")
     }
-    return configure_fleet(env_class.task_class(**given), num_envs, shared)
+    return configure_fleet(env_class.task_class(**given), num_envs, {**shared, "time_limit": time_limit})
 
 
 class ConfiguredFleet(Configured):
@@ -145,13 +151,18 @@ class ConfiguredFleet(Configured):
     (num_envs,) and ``observation_scale`` is an array (num_envs, entries).
     """
 
-    fleet: Fleet
+    fleet = Told[Fleet]()
+    max_episode_steps = Told[int | None]()
+    staggered_start = Told[bool]()
+    on_invalid = Told[str]()
+    end_names = Told[tuple[str, ...]]()
+    dtype = Told[Any]()
 
     def _adopt_fleet(self, fleet: Fleet) -> None:
         self._adopt(fleet.configuration)
-        self.fleet = fleet
-        for name in ("vehicle", "speed", "friction", "observation_scale"):
-            setattr(self, name, getattr(fleet, name))
+        own = {name: frozen(getattr(fleet, name)) for name in ("vehicle", "speed", "friction", "observation_scale")}
+        car, settings = Car(*map(frozen, fleet.car)), type(fleet.settings)(*map(frozen, fleet.settings))
+        tell(self, fleet=fleet._replace(car=car, settings=settings, **own), **own)
 
     @property
     def stability(self) -> Stability:

@@ -56,6 +56,11 @@ def episode_size(task: Task) -> int:
     return MEMORY + len(task.Route._fields)
 
 
+def place_of_rule(task: Task, name: str) -> int:
+    """Where a number of ``Rules`` stands in the memory."""
+    return episode_size(task) + CAR + Rules._fields.index(name)
+
+
 def new_memory(task: Task, car: Car, rules: Rules, settings: Any, scale: Any, bound: Any) -> Row:
     """The array of one environment, its episode not yet started."""
     episode = [math.nan] * episode_size(task)

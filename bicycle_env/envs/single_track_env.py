@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -15,6 +16,8 @@ from bicycle_env.envs import kernels
 from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configured, configure
 from bicycle_env.envs.telemetry import MEASURED, telemetry
+from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
+from bicycle_env.envs.told import read_only, tell
 from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import FRONT, REAR, Actuator
 from bicycle_env.physics.validation import choice, flag, known_keys
@@ -45,15 +48,15 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     def __init__(
         self,
         *,
-        vehicle: str | Vehicle = "oversteer",
-        tire: str | tires.Tire = "fiala",
+        vehicle: str | Vehicle | Mapping[str, Any] = "oversteer",
+        tire: str | tires.Tire | Mapping[str, Any] = "fiala",
         speed: float | None = None,
         speed_ratio: float | None = None,
         steer: str = "both",
         friction: float = 1.0,
         geometry: str | None = None,
-        front_actuator: Actuator = FRONT,
-        rear_actuator: Actuator = REAR,
+        front_actuator: Actuator | Mapping[str, Any] = FRONT,
+        rear_actuator: Actuator | Mapping[str, Any] = REAR,
         control_timestep: float = 0.02,
         physics_timestep: float = 0.004,
         reward: str = "default",
@@ -79,7 +82,9 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             horizon=horizon,
         )
         self._adopt(configuration)
-        self.telemetry = flag("telemetry", telemetry)
+        tell(self, telemetry=flag("telemetry", telemetry))
+        self._given_horizon = horizon
+        self._limit_asked = False
         self.render_mode = None if render_mode is None else choice("render_mode", render_mode, RENDER_MODES)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.control_timestep))}
         bound = configuration.observation_bound
@@ -128,6 +133,8 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             gymnasium.error.ClosedEnvironmentError: after close().
         """
         self._refuse_if_closed("reset()")
+        if not self._limit_asked:
+            self._ask_for_the_limit()
         given = self.task.check_options(options)
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
         state = checked_state(given["state"], *limits) if "state" in given else None
@@ -205,6 +212,10 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         steps, route = values[kernels.STEPS], values[kernels.MEMORY :]
         return self.task.State(*values[: kernels.STEPS], steps * self.control_timestep, *route)
 
+    @state.setter
+    def state(self, _value: Any) -> None:
+        raise AttributeError(read_only("state"))
+
     @property
     def end(self) -> str:
         """Why the episode ended, "" while it is running: what ``info["end"]`` says."""
@@ -237,6 +248,17 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         return observation
 
     # Inner workings
+
+    def _ask_for_the_limit(self) -> None:
+        """Before the first episode: which time limit is around this environment?"""
+        limit = limit_around(self)
+        configuration, self._limit_asked = self.configuration, True
+        remark(limit, self._given_horizon, configuration.steps_to_settle, self.reward == "quadratic")
+        horizon = resolve_horizon(self._given_horizon, limit, self.task.episode_steps)
+        self._adopt(
+            dataclasses.replace(configuration, horizon=horizon, rules=configuration.rules._replace(horizon=horizon))
+        )
+        self._memory[kernels.place_of_rule(self.task, "horizon")] = horizon
 
     def _info(self, cost: float) -> dict[str, Any]:
         info: dict[str, Any] = {"end": self.end, "cost": cost}

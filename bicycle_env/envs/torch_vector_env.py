@@ -17,6 +17,8 @@ from gymnasium.vector.utils import batch_space
 from bicycle_env.envs.fleet import ConfiguredFleet, registered_fleet
 from bicycle_env.envs.single_track_env import SingleTrackEnv
 from bicycle_env.envs.telemetry import telemetry as telemetry_of
+from bicycle_env.envs.time_limit import remark
+from bicycle_env.envs.told import read_only, tell
 from bicycle_env.envs.torch_device import as_numbers, device_and_generator, import_torch, registered_spec, shortened
 from bicycle_env.envs.torch_kernels import Episodes, Tensor, chosen, mapped, torch_kernels
 from bicycle_env.envs.torch_options import TorchOptions
@@ -107,16 +109,21 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self.autoreset_mode = AUTORESET_MODES[choice("autoreset_mode", word, AUTORESET_MODES)]
         self.metadata = {**SingleTrackEnv.metadata, "render_modes": [], "autoreset_mode": self.autoreset_mode}
         steps = self.spec.max_episode_steps if max_episode_steps is None else max_episode_steps
-        self.max_episode_steps = None if steps in (None, -1) else whole("max_episode_steps", steps)
-        self.staggered_start = flag("staggered_start", staggered_start)
-        self.on_invalid = choice("on_invalid", on_invalid, ON_INVALID)
-        self.telemetry = flag("telemetry", telemetry)
-        self.dtype = getattr(torch, choice("dtype", str(dtype).removeprefix("torch."), DTYPES))
+        limit = None if steps in (None, -1) else whole("max_episode_steps", steps)
+        tell(
+            self,
+            max_episode_steps=limit,
+            staggered_start=flag("staggered_start", staggered_start),
+            on_invalid=choice("on_invalid", on_invalid, ON_INVALID),
+            telemetry=flag("telemetry", telemetry),
+            dtype=getattr(torch, choice("dtype", str(dtype).removeprefix("torch."), DTYPES)),
+        )
         self.device, self._generator = device_and_generator(torch, device)
         self._np_random, self._np_random_seed = seeding.np_random(self._generator.seed())
         env_keywords = {name: as_numbers(torch, name, value) for name, value in env_keywords.items()}
-        self._adopt_fleet(registered_fleet(self.spec, self.num_envs, env_keywords))
-        self.end_names = self.configuration.end_names
+        self._adopt_fleet(registered_fleet(self.spec, self.num_envs, env_keywords, limit))
+        tell(self, end_names=self.configuration.end_names)
+        remark(limit, env_keywords.get("horizon"), self.configuration.steps_to_settle, self.reward == "quadratic")
         bound = self.configuration.observation_bound
         self._action_shape = (self.num_envs, self.configuration.axles)
         self.single_observation_space = spaces.Box(-bound, bound, dtype=np.float32)
@@ -233,6 +240,10 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         commands = (memory.front_steer_command, memory.rear_steer_command)
         values = self.task.State(*state, *commands, memory.steps * self.control_timestep, *memory.route)
         return mapped(lambda value: value.clone(), values)
+
+    @state.setter
+    def state(self, _value: Any) -> None:
+        raise AttributeError(read_only("state"))
 
     def set_state(self, state: Mapping[str, Any]) -> tuple[Tensor, dict[str, Any]]:
         """Put the cars, all running and none yet settled, into given states; values not given stay.

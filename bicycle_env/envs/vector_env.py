@@ -21,6 +21,8 @@ from bicycle_env.envs.rows import Rows, checked_mask, checked_start
 from bicycle_env.envs.single_track_env import FLOAT32, SingleTrackEnv, converted_action, keyword_names
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.threads import Threads
+from bicycle_env.envs.time_limit import remark
+from bicycle_env.envs.told import Told, read_only, tell
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.validation import choice, flag, known_keys, whole
 from bicycle_env.tasks.ends import INVALID_ACTION
@@ -70,6 +72,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
     single_class: ClassVar[type[SingleTrackEnv]]
+    threads = Told[int]()
 
     def __init__(
         self,
@@ -92,18 +95,21 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         mode = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         self.autoreset_mode = MODES[choice("autoreset_mode", mode, MODES)]
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.dtype = choice("dtype", dtype, ("float64", "float32"))
-        self.threads = whole("threads", threads, 1, MOST_THREADS)
-        self.staggered_start = flag("staggered_start", staggered_start)
-        self.on_invalid = choice("on_invalid", on_invalid, ("raise", "terminate"))
-        self.telemetry = flag("telemetry", telemetry)
+        tell(
+            self,
+            dtype=choice("dtype", dtype, ("float64", "float32")),
+            threads=whole("threads", threads, 1, MOST_THREADS),
+            staggered_start=flag("staggered_start", staggered_start),
+            on_invalid=choice("on_invalid", on_invalid, ("raise", "terminate")),
+            telemetry=flag("telemetry", telemetry),
+        )
         if render_mode is not None:
             raise ValueError(f"render_mode must be None for many cars (draw one by gym.make), got {render_mode!r}")
-        self._adopt_fleet(fleet_of(self.single_class, self.num_envs, keywords))
-        limit = self.task.episode_steps if max_episode_steps is None else max_episode_steps
-        most = MOST_STEPS[self.dtype]
-        self.max_episode_steps = None if limit == -1 else whole("max_episode_steps", limit, 1, most)
-        self.end_names = self.configuration.end_names
+        steps = self.single_class.task_class.episode_steps if max_episode_steps is None else max_episode_steps
+        limit = None if steps == -1 else whole("max_episode_steps", steps, 1, MOST_STEPS[self.dtype])
+        self._adopt_fleet(fleet_of(self.single_class, self.num_envs, keywords, limit))
+        tell(self, max_episode_steps=limit, end_names=self.configuration.end_names)
+        remark(limit, keywords.get("horizon"), self.configuration.steps_to_settle, self.reward == "quadratic")
 
         bound = self.configuration.observation_bound
         self.single_observation_space = spaces.Box(-bound, bound, dtype=np.float32)
@@ -226,6 +232,10 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     def state(self) -> Any:
         """The present states: the single environment's named tuple, of arrays (num_envs,); copies."""
         return self._rows.state(self.control_timestep)
+
+    @state.setter
+    def state(self, _value: Any) -> None:
+        raise AttributeError(read_only("state"))
 
     @property
     def is_success(self) -> NDArray[np.bool_]:

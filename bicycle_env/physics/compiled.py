@@ -157,7 +157,7 @@ def _interleaved(count: int) -> Iterator[None]:
 
 def digest(function: Any) -> str:
     """A hexadecimal digest of a function's bytecode and of everything that it refers to, at any depth."""
-    hasher = hashlib.sha256(f"{numba.__version__} {np.__version__} {sys.version}".encode())
+    hasher = hashlib.sha256(f"{numba.__version__} {np.__version__} {sys.version} {COMMON}".encode())
     _feed(hasher.update, function, set())
     return hasher.hexdigest()
 

@@ -94,7 +94,6 @@ def keywords_of(rollout):
         "tire": rollout.tire,
         "geometry": rollout.geometry,
         "reward": rollout.reward,
-        "horizon": 300,
         "max_episode_steps": TIME_LIMIT,
     }
     return (shared, OWN) if rollout.varied else ({**shared, "speed": SPEED}, {})

@@ -114,7 +114,7 @@ def test_every_argument_is_explained(page):
 
 def test_the_meanings_name_the_defaults_that_none_stands_for(page):
     meaning = {row["Keyword"]: row["Meaning"] for row in page.table("Arguments")}
-    assert f"{page.env.horizon} by default" in meaning["horizon"]
+    assert f"the time limit, or {page.env.horizon}, by default" in meaning["horizon"]
     assert page.env.horizon == page.row.max_episode_steps == page.env.task.episode_steps
     ratio = page.env.speed / page.env.vehicle.critical_speed
     assert f"{ratio:.12g} if neither is given" in meaning["speed_ratio"]

@@ -29,7 +29,7 @@ def values(*bad, error=ValueError):
 
 POSITIVE = values(*NOT_FINITE, 0.0, 0, -1.0) + values(*NO_NUMBERS, error=TypeError)
 REQUIRED = POSITIVE + values(None, error=TypeError)
-AN_ACTUATOR = values(None, 0.1, "front", (0.1, 0.7, 0.05), {"angle_limit": 0.1}, Actuator, error=TypeError)
+AN_ACTUATOR = values(None, 0.1, "front", (0.1, 0.7, 0.05), {"angle_limit": "0.1"}, Actuator, error=TypeError)
 
 BAD = {
     "vehicle": values("oversteerr", "", "Oversteer", {"mass": 1500.0}) + values(None, 3, error=TypeError),

@@ -207,6 +207,17 @@ def test_a_part_refuses_to_be_called_from_python():
         part(3.0)
 
 
+def test_code_compiled_with_another_licence_is_other_code(monkeypatch):
+    """What was compiled while the compiler might fuse must not be found when it may not."""
+
+    def law(x):
+        return x * x + 1.0
+
+    before = compiled.digest(law)
+    monkeypatch.setitem(compiled.COMMON, "fastmath", {"contract"})
+    assert compiled.digest(law) != before
+
+
 def test_nan_survives_compilation():
     """The licence to optimise must not include "there are no NaNs"."""
 
