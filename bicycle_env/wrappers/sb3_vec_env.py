@@ -23,9 +23,9 @@ class SB3VecEnv(VecEnv):
 
     A native vector environment is one object. ``get_attr`` and ``env_method`` ask it once and give its answer for every
     row asked for; ``set_attr`` is refused. Gymnasium's SyncVectorEnv and AsyncVectorEnv hold single environments: these
-    are asked one by one, and refuse in turn what is theirs. Stable-Baselines3's own DummyVecEnv and SubprocVecEnv set an
-    attribute of the outermost wrapper and never ask the environment: there ``set_attr("friction", 0.5)`` changes nothing
-    and says nothing.
+    are asked one by one, and refuse in turn what is theirs. Stable-Baselines3's own DummyVecEnv and SubprocVecEnv set
+    an attribute of the outermost wrapper and never ask the environment: there ``set_attr("friction", 0.5)`` changes
+    nothing and says nothing.
 
     Args:
         env: a vector environment in the autoreset mode SAME_STEP, bare or in Gymnasium's vector wrappers.

@@ -65,7 +65,7 @@ def test_dicts_and_files_are_keywords(tmp_path):
         assert env.unwrapped.tire == tires.MagicFormula(shape=1.5)
     env = gym.make(STAB, rear_actuator={"angle_limit": 0.04, "rate_limit": 0.1})
     assert env.unwrapped.rear_actuator == Actuator(0.04, 0.1)
-    with pytest.raises(ValueError, match="rear_actuator.*'angel_limit'; did you mean 'angle_limit'"):
+    with pytest.raises(ValueError, match=r"rear_actuator.*'angel_limit'; did you mean 'angle_limit'"):
         gym.make(STAB, rear_actuator={"angel_limit": 0.04})
 
 

@@ -81,5 +81,5 @@ def test_vector_environments_of_others_hand_the_refusal_on():
         with pytest.raises(AttributeError, match="cannot be set"):
             setter()
     native = SB3VecEnv(gym.make_vec(STAB, 2, autoreset_mode="SameStep"))
-    with pytest.raises(AttributeError, match="keyword to gym.make_vec"):
+    with pytest.raises(AttributeError, match=r"keyword to gym\.make_vec"):
         native.set_attr("friction", 0.5)
