@@ -90,7 +90,7 @@ class BicycleStabEnv(SingleTrackEnv):
     | steer | `"both"` | `"front"`, `"rear"` or `"both"` |
     | friction | `1.0` | road friction coefficient |
     | geometry | `None` | `"small_angle"` or `"exact"`; by default small_angle for the linear tire, else exact |
-    | front_actuator | `Actuator(6 deg, 40 deg/s, 0.05 s)` | `Actuator(angle_limit, rate_limit, time_constant)`, a dict |
+    | front_actuator | `Actuator(6 deg, 40 deg/s, 0.05 s)` | `Actuator(angle_limit, rate_limit, time_constant)`, dict |
     | rear_actuator | `Actuator(3 deg, 9 deg/s, 0.05 s)` | the same for the rear axle |
     | control_timestep | `0.02` | s between actions |
     | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
