@@ -10,13 +10,14 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all lint stab lane-change controllers headroom results benchmark benchmark-vector compat gymnasium-versions clean
+.PHONY: help demo test test-all lint lock stab lane-change controllers headroom results benchmark benchmark-vector compat gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/*.png"
 	@echo "make test                install what the tests need and run them: every rule and every option"
 	@echo "make test-all            the combinations of options that make test leaves out"
 	@echo "make lint                ruff and mypy"
+	@echo "make lock                resolve locks/*.txt anew from pyproject.toml and constraints.txt"
 	@echo "make stab                learn to catch the car with ten seeds: runs/BicycleStab-v0-ppo.json"
 	@echo "make lane-change         learn the lane change with five seeds: runs/BicycleLaneChange-v0-ppo.json (6 minutes)"
 	@echo "make controllers         all classical controllers on both tasks: runs/controllers_*.json"
@@ -31,10 +32,13 @@ $(VENV)/bin/python:
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'Python 3.11 or newer is needed, this is ' + sys.version)"
 	$(PYTHON) -m venv $(VENV)
 
-# One stamp per set of extras: installed once, and again when the requirements change.
-$(VENV)/.installed-%: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e ".[$*]"
+# One stamp per set of extras: installed once, and again when the requirements change. From hashed locks where they fit.
+$(VENV)/.installed-%: pyproject.toml constraints.txt $(wildcard locks/*.txt) | $(VENV)/bin/python
+	$(BIN)/python tools/lock.py --install $*
 	@touch $@
+
+lock:
+	$(PYTHON) tools/lock.py
 
 demo: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.demo --out $(OUT)
