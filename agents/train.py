@@ -344,6 +344,8 @@ def _summary(console: Console, args: Args, folder: Path, model: BaseAlgorithm, s
 
 
 def main() -> None:
+    # A run's folder survives this at any moment. An exception may be swallowed by what is being imported or compiled.
+    stopping.handle(stopping.leave_at_once)
     args = tyro.cli(Args, prog="python -m agents.train", description=__doc__)
     with announcements.silenced(args.quiet):
         train(args, messages.console())

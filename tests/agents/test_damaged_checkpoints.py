@@ -263,7 +263,7 @@ DAMAGES = {
     "weights too many": ("ppo", in_arrays(policy__mine=lambda _: np.zeros(3))),
     "moments missing": ("ppo", in_arrays(**{"optimizer__policy__optimizer__0__exp_avg": None})),
     "moments negative": ("ppo", in_arrays(**{"optimizer__policy__optimizer__0__exp_avg_sq": bad(-1.0)})),
-    "counters negative": ("ppo", in_arrays(counters=lambda a: -a)),
+    "counters negative": ("ppo", in_arrays(counters=lambda a: a - np.array([0, 10**6, 0]))),
     "python's generator": ("ppo", in_arrays(process__python=lambda a: np.full_like(a, 2**32 - 1))),
     "numpy's generator": ("ppo", in_arrays(process__numpy_place=bad(-5))),
     "torch's generator": ("ppo", in_arrays(process__torch=lambda a: np.zeros_like(a))),

@@ -68,3 +68,16 @@ def test_handlers_are_put_back():
         signal.raise_signal(signal.SIGINT)
         assert request.number == signal.SIGINT
     assert {number: signal.getsignal(number) for number in stopping.SIGNALS} == before
+
+
+def test_a_training_stops_where_an_exception_would_be_swallowed(tmp_path):
+    script = (
+        "import signal, sys\nfrom agents import messages, train\n"
+        "def build(*_):\n"
+        "    try:\n        signal.raise_signal(signal.SIGTERM)\n"
+        "    except BaseException:\n        print('swallowed')\n"
+        "train.build = build\nmessages.run(train.main)\n"
+    )
+    command = [sys.executable, "-c", script, "--out", str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (143, "", "stopped\n")
