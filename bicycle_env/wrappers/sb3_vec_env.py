@@ -27,8 +27,8 @@ class SB3VecEnv(VecEnv):
     an attribute of the outermost wrapper and never ask the environment: there ``set_attr("friction", 0.5)`` changes
     nothing and says nothing.
 
-    Stable-Baselines3's callbacks count ``eval_freq`` and ``save_freq`` in calls of ``step``, num_envs steps each, and its
-    EvalCallback begins its record anew after a resume.
+    Stable-Baselines3's callbacks count ``eval_freq`` and ``save_freq`` in calls of ``step``, num_envs steps each, and
+    its EvalCallback begins its record anew after a resume.
 
     Args:
         env: a vector environment in the autoreset mode SAME_STEP, bare or in Gymnasium's vector wrappers.
