@@ -13,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from combinations import some_of
 from rich.console import Console
 from short_runs import arrays, old_checkpoint, start
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -41,14 +42,19 @@ def assert_equal(one, other):
     assert (one / "policy.safetensors").read_bytes() == (other / "policy.safetensors").read_bytes()
 
 
-@pytest.fixture(scope="module", params=["ppo", "sac", "td3"])
+ALGORITHMS = ("ppo", "sac", "td3")
+each = pytest.mark.parametrize("straight", ALGORITHMS, indirect=True, scope="module")
+ppo_first = pytest.mark.parametrize("straight", some_of(ALGORITHMS, ["ppo"]), indirect=True, scope="module")
+
+
+@pytest.fixture(scope="module")
 def straight(request, tmp_path_factory):
     return request.param, start(request.param, tmp_path_factory.mktemp("straight") / request.param)
 
 
-@pytest.mark.parametrize(
-    "share", [0.0, 0.3, 0.75]
-)  # before the first rollout's end, in SAC's and TD3's warm-up, after it
+# Before the first rollout's end, in SAC's and TD3's warm-up, after it.
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.75])
+@ppo_first
 def test_a_stopped_run_gives_the_bits_of_a_straight_one(straight, tmp_path, share):
     algo, whole = straight
     total = json.loads((whole / "run.json").read_text())["total_timesteps"]
@@ -64,6 +70,7 @@ def test_a_stopped_run_gives_the_bits_of_a_straight_one(straight, tmp_path, shar
     assert share * total <= entry["at"] < total
 
 
+@each
 def test_a_run_stopped_twice_and_by_a_kill(straight, tmp_path, monkeypatch):
     algo, whole = straight
     folder = tmp_path / "run"
@@ -89,6 +96,7 @@ def test_a_run_stopped_twice_and_by_a_kill(straight, tmp_path, monkeypatch):
     assert [entry["exact"] for entry in resumes(folder)] == [True, True]
 
 
+@ppo_first
 def test_a_signal_in_the_last_rollout_is_obeyed_and_nothing_is_lost(tmp_path, straight):
     algo, whole = straight
     total = json.loads((whole / "run.json").read_text())["total_timesteps"]
@@ -98,6 +106,7 @@ def test_a_signal_in_the_last_rollout_is_obeyed_and_nothing_is_lost(tmp_path, st
     assert_equal(tmp_path / "run", whole)
 
 
+@ppo_first
 def test_a_signal_before_the_first_rollout(tmp_path, straight, monkeypatch):
     algo, whole = straight
     with monkeypatch.context() as patch:
@@ -108,6 +117,7 @@ def test_a_signal_before_the_first_rollout(tmp_path, straight, monkeypatch):
     assert_equal(tmp_path / "run", whole)
 
 
+@ppo_first
 def test_another_seed_gives_other_bits(straight, tmp_path):
     algo, whole = straight
     other = start(algo, tmp_path / "run", seed=4)
@@ -195,6 +205,7 @@ def test_a_checkpoint_of_an_earlier_revision_goes_on_with_a_remark(tmp_path, alg
     assert not (folder / "checkpoint.new").exists()
 
 
+@ppo_first
 @pytest.mark.parametrize("resume", [True, False])
 @pytest.mark.parametrize("record", [None, "", "full"])
 def test_a_folder_that_was_killed_before_its_first_checkpoint_starts_from_the_beginning(
@@ -235,6 +246,7 @@ def test_files_have_the_modes_that_the_umask_leaves(tmp_path):
     assert {stat.S_IMODE(path.stat().st_mode) for path in own} == {0o640}
 
 
+@ppo_first
 def test_nothing_to_do_is_one_line_and_changes_nothing(tmp_path, straight):
     algo, whole = straight
     before = (whole / "run.json").read_bytes()
