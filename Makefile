@@ -10,7 +10,7 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all lint lock stab lane-change controllers headroom results benchmark benchmark-vector compat gymnasium-versions clean
+.PHONY: help demo test test-all lint lock stab lane-change controllers headroom tensors results benchmark benchmark-vector compat gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/*.png"
@@ -24,7 +24,8 @@ help:
 	@echo "make headroom            LQR as shipped, tuned for the condition, best found, bound: runs/headroom.json, .png (15 minutes)"
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
-	@echo "make results             all of these into results/, and the tables and pictures of the README and docs/ (hours)"
+	@echo "make tensors             TorchVectorEnv beside the native environment: runs/torch_env.json"
+	@echo "make results             all of these into results/, and the tables and pictures of the README and docs/ (an hour)"
 	@echo "make compat              Stable-Baselines3, RLlib, TorchRL, Minari, ...: runs/compat.json (installs 6 GB)"
 	@echo "make gymnasium-versions  contract checks on gymnasium $(GYMNASIUM_VERSIONS)"
 
@@ -74,15 +75,19 @@ benchmark: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/single_env.py --json $(OUT)/single_env.json
 
 benchmark-vector: $(VENV)/.installed-bench
-	$(BIN)/python benchmarks/vector_env.py --most 1000000 --json $(OUT)/vector_env.json
-	$(BIN)/python benchmarks/picture.py --json $(OUT)/vector_env.json --out $(OUT)/performance.png
-	$(BIN)/python benchmarks/one_car.py --json $(OUT)/one_car.json
+	$(BIN)/python benchmarks/vector_env.py --most 1000000 --json $(OUT)/vector_env.json; code=$$?; \
+	$(BIN)/python benchmarks/picture.py --json $(OUT)/vector_env.json --out $(OUT)/performance.png && \
+	$(BIN)/python benchmarks/one_car.py --json $(OUT)/one_car.json && exit $$code
 
-# The rows of benchmarks that fall short on a machine stand in their tables: the others are made all the same.
+tensors: $(VENV)/.installed-demo
+	$(BIN)/python benchmarks/torch_env.py --json $(OUT)/torch_env.json
+
+# A row of the benchmarks that falls short here stands in its table, marked: the rest is made all the same.
 results:
-	$(MAKE) OUT=results demo stab lane-change controllers headroom
-	-$(MAKE) -k OUT=results benchmark benchmark-vector
-	cp results/performance.png docs/performance.png
+	$(MAKE) OUT=results demo stab lane-change controllers headroom tensors
+	-$(MAKE) OUT=results benchmark
+	-$(MAKE) OUT=results benchmark-vector
+	mv results/performance.png docs/performance.png
 	$(BIN)/python tools/readme_tables.py
 
 compat: $(VENV)/.installed-test

@@ -5,6 +5,7 @@ python -m agents.evaluate --env-id BicycleStab-v0 --policy lqr zero runs/stab-pp
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import time
 from collections.abc import Callable
@@ -25,7 +26,7 @@ import bicycle_env  # noqa: F401  (registers the environments)
 from agents import messages, trained
 from agents.episodes import evaluate, summarise
 from agents.messages import UserError
-from bicycle_env import control, provenance
+from bicycle_env import Vehicle, control, provenance
 from bicycle_env.envs.single_track_env import SingleTrackEnv
 from bicycle_env.files import anything, mapping, parse_json, shown, write_json
 
@@ -101,11 +102,20 @@ def _made(env_id: str, make: Callable[[], Any]) -> Any:
 
 
 def parse_keywords(text: str) -> dict[str, Any]:
-    """Environment keywords from JSON text."""
+    """Environment keywords from JSON text.
+
+    A car's file is replaced by the car in it: what is written down about a run must not depend on a file of today.
+    """
     try:
         keywords: dict[str, Any] = parse_json(text, "--env-keywords", mapping(anything))
     except ValueError as error:
         raise UserError(f"{error}; it must be a JSON object, got {shown(repr(text))}") from None
+    vehicle = keywords.get("vehicle")
+    if isinstance(vehicle, str) and Path(vehicle).suffix.lower() in (".json", ".toml"):
+        try:
+            keywords["vehicle"] = dataclasses.asdict(Vehicle.read(vehicle))
+        except (TypeError, ValueError, OSError) as error:
+            raise UserError(f"--env-keywords: vehicle: {shown(error)}") from None
     return keywords
 
 

@@ -131,7 +131,8 @@ def controllers_lane_change() -> str:
 def speed() -> str:
     result = read("single_env.json")
     lines = ["| steps per second through `gym.make` | |", "|---|---|"]
-    lines += [f"| {name} | {rate:,} |" for name, rate in result["steps_per_second"].items()]
+    names = {"Nothing-v0": "an environment whose step does nothing"}
+    lines += [f"| {names.get(name, name)} | {rate:,} |" for name, rate in result["steps_per_second"].items()]
     ratios = ", ".join(f"{name}: {ratio:g}" for name, ratio in result["ratios"].items())
     shares = ", ".join(f"{name}: {share:.0%}" for name, share in result["share_of_nothing"].items())
     more = f"Ratios in this run: {ratios}. Share of an environment whose step does nothing: {shares}."

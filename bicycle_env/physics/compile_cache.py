@@ -24,6 +24,7 @@ CHECKSUM = hashlib.sha256().digest_size
 class ContentCache(NullCache):  # type: ignore[misc]
     """What numba asks for compiled code, and gives it to: a file ``NAME-CONTENT-PROCESSOR.nbc`` in numba's folder.
 
+    As numba's, it is of this user's own making and holds machine code and a pickle: no place for files from elsewhere.
     numba's own cache has an index beside the code. Between two machines that share a disk, the index of one could lead
     to the code of the other; and a damaged or unwritable file there is an error.
 
@@ -81,7 +82,7 @@ def has_multiply_add(triple: str, _name: str, features: str) -> bool:
 def _read(path: Path) -> Any:
     content = path.read_bytes()
     if hashlib.sha256(content[CHECKSUM:]).digest() != content[:CHECKSUM]:
-        raise ValueError(f"{path} is not what was written")  # before pickle or the linker meets it
+        raise ValueError(f"{path} is not what was written")  # damage, before pickle or the linker meets it
     return pickle.loads(content[CHECKSUM:])
 
 

@@ -1,5 +1,7 @@
 """Policies from files in the commands: their environment keywords, and what is refused before any work."""
 
+import dataclasses
+import json
 import sys
 
 import gymnasium as gym
@@ -9,7 +11,7 @@ import pytest
 from agents import evaluate, messages, trained
 from agents.episodes import Episode
 from agents.messages import UserError
-from bicycle_env import control
+from bicycle_env import Vehicle, control, vehicles
 from bicycle_env.envs import BicycleLaneChangeEnv, BicycleStabEnv
 
 NAMES = list(gym.make("BicycleStab-v0").unwrapped.observation_names)
@@ -130,6 +132,21 @@ def test_observations_that_do_not_fit_name_the_keywords(tmp_path, run):
 def test_keywords_that_are_no_json_object_are_one_line(bad):
     with pytest.raises(UserError, match=r"^--env-keywords: .*must be a JSON object"):
         evaluate.parse_keywords(bad)
+
+
+def test_a_cars_file_is_kept_as_the_car_in_it(tmp_path):
+    """So that a run and its policy say what was driven, and the policy's own file may be followed."""
+    file = tmp_path / "mine.toml"
+    fields = dataclasses.asdict(vehicles["me303"])
+    file.write_text("\n".join(f"{name} = {value}" for name, value in fields.items() if isinstance(value, float)))
+    keywords = evaluate.parse_keywords(json.dumps({"vehicle": str(file), "friction": 0.5}))
+    assert keywords == {"vehicle": dataclasses.asdict(Vehicle.read(file)), "friction": 0.5}
+    file.unlink()
+    network = trained.load(save(tmp_path / "run", env_keywords=keywords))
+    again = trained.keywords_of("x", network, BicycleStabEnv)
+    assert gym.make("BicycleStab-v0", **again, speed=30.0).unwrapped.vehicle.mass == vehicles["me303"].mass
+    with pytest.raises(UserError, match=r"--env-keywords: vehicle: .*mine\.toml"):
+        evaluate.parse_keywords(json.dumps({"vehicle": str(file)}))
 
 
 # Refused before any work
