@@ -1,10 +1,15 @@
 """Scripts that a user runs from a checkout: train, evaluate, benchmark, tune, headroom, demo."""
 
+import os
 from importlib.util import find_spec
 
 from agents.stopping import guard_imports
 
 guard_imports()
+
+# Before numpy is imported. Matrices have a few rows here, for which BLAS's threads only wait for each other: beside
+# other work a gain of the LQR takes four times as long with them.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _NEEDED = ("matplotlib", "rich", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro")
 _missing = [name for name in _NEEDED if find_spec(name) is None]

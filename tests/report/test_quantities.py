@@ -18,7 +18,7 @@ COARSE = 31
 AXLES = {"front": "front_steer", "rear": "rear_steer"}
 
 
-@pytest.fixture(scope="module", params=some_of(vehicles, ["oversteer", "neutral", "civic"]))
+@pytest.fixture(scope="module", params=some_of(vehicles, ["oversteer", "civic"]))
 def study(request):
     return report.study(request.param, grid=COARSE)
 
