@@ -56,7 +56,7 @@ def test_refinement_converges(plane):
 
 
 def test_linear_feedback_saves_nothing_outside(plane):
-    for gain in (lqr_gain(), lqr_gain(sideslip=0.02), lqr_gain(yaw_rate=0.01), 3.0 * lqr_gain()):
+    for gain in (lqr_gain(), 3.0 * lqr_gain(sideslip=0.02)):
         saved = plane.saved_by(gain)
         assert np.sum(saved) > 0.6 * np.sum(inside(plane))
         assert not np.any(saved & ~binary_dilation(inside(plane), NEIGHBOURS))
@@ -69,7 +69,7 @@ def test_its_own_steering_saves_what_is_inside(plane):
     assert len(lost_by_lqr) > 0
     rng = np.random.default_rng(0)
     anywhere = np.argwhere(core)
-    chosen = [*anywhere[rng.choice(len(anywhere), 6)], *lost_by_lqr[rng.choice(len(lost_by_lqr), 4)]]
+    chosen = [*anywhere[rng.choice(len(anywhere), 4)], *lost_by_lqr[rng.choice(len(lost_by_lqr), 2)]]
     for i, j in chosen:
         run = plane.rescue(plane.lateral_velocity[i], plane.yaw_rate[j])
         assert plane.is_recovered(run["lateral_velocity"][-1], run["yaw_rate"][-1])

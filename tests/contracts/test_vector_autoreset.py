@@ -290,9 +290,9 @@ def test_staggered_starts_are_nothing_without_a_limit_and_change_no_start():
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_spec_makes_the_environment_again(env_id):
-    env = gym.make_vec(f"bicycle_env:{env_id}", 3, tire="fiala", friction=0.9, autoreset_mode="SameStep")
+    env = gym.make_vec(f"bicycle_env:{env_id}", NUMBER, tire="fiala", friction=0.9, autoreset_mode="SameStep")
     again = gym.make_vec(env.spec)
-    assert (again.num_envs, again.friction, again.autoreset_mode) == (3, 0.9, AutoresetMode.SAME_STEP)
+    assert (again.num_envs, again.friction, again.autoreset_mode) == (NUMBER, 0.9, AutoresetMode.SAME_STEP)
     assert again.reset(seed=0)[0].tobytes() == env.reset(seed=0)[0].tobytes()
 
 

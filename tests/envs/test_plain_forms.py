@@ -47,11 +47,11 @@ def test_a_spec_goes_round_twice_and_with_the_tasks_keywords():
 
 
 def test_per_car_keywords_go_through_json_too():
-    cars = [vehicles["oversteer"], vehicles["me303"]]
-    envs = gym.make_vec(STAB, 2, vehicle=cars, speed=np.array([30.0, 40.0], np.float32), tire=tires.Tanh())
-    again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()), num_envs=2)
+    cars, speeds = [vehicles["oversteer"], vehicles["me303"]] * 3, [30.0, 40.0] * 3
+    envs = gym.make_vec(LANE, 6, vehicle=cars, speed=np.array(speeds, np.float32), tire=tires.Tanh())
+    again = gym.make_vec(EnvSpec.from_json(envs.spec.to_json()), num_envs=6)
     assert again.unwrapped.vehicle == tuple(cars)
-    assert again.unwrapped.speed.tolist() == [30.0, 40.0]
+    assert again.unwrapped.speed.tolist() == speeds
     assert again.unwrapped.tire == tires.Tanh()
 
 

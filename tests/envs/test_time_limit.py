@@ -13,11 +13,12 @@ from bicycle_env.registration import ENVIRONMENTS
 from bicycle_env.wrappers import RecordSuccess
 
 STAB = "BicycleStab-v0"
+KIND = {"reward": "quadratic", "tire": "tanh", "geometry": "small_angle"}
 LOST = {"state": {"yaw_rate": 1.9, "heading": 1.0}}  # spins in the first steps
 
 
 def single(**keywords):
-    env = gym.make(STAB, reward="quadratic", **keywords)
+    env = gym.make(STAB, **KIND, **keywords)
     env.reset(seed=0, options=LOST)
     return env
 
@@ -37,15 +38,15 @@ def test_a_failure_pays_for_the_steps_up_to_the_limit(limit):
     assert given.unwrapped.horizon == given.unwrapped.rules.horizon == limit
     expected = failure(explicit)
     assert failure(given) == expected
-    many = gym.make_vec(STAB, 2, reward="quadratic", max_episode_steps=limit)
+    many = gym.make_vec(STAB, 64, **KIND, max_episode_steps=limit)
     assert many.unwrapped.horizon == limit
     many.reset(seed=0, options=LOST)
     while True:
-        _, rewards, terminated, _, _ = many.step(np.ones((2, 2), np.float32))
+        _, rewards, terminated, _, _ = many.step(np.ones((64, 2), np.float32))
         if terminated.any():
             break
-    assert rewards.tolist() == [expected] * 2
-    tensors = TorchVectorEnv(STAB, 2, reward="quadratic", max_episode_steps=limit)
+    assert rewards.tolist() == [expected] * 64
+    tensors = TorchVectorEnv(STAB, 2, **KIND, max_episode_steps=limit)
     assert tensors.horizon == tensors.rules.horizon == limit
 
 

@@ -52,9 +52,20 @@ def test_what_is_gymnasiums_and_what_is_the_users_can_be_set():
         assert getattr(env, name) is None
 
 
-@pytest.mark.parametrize("keywords", [{}, {"speed": np.linspace(30.0, 40.0, 3), "friction": [0.5, 0.6, 0.7]}])
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        {},
+        {
+            "speed": np.linspace(30.0, 40.0, 6),
+            "friction": np.linspace(0.5, 0.7, 6),
+            "tire": "magic_formula",
+            "reward": "quadratic",
+        },
+    ],
+)
 def test_arrays_refuse_to_be_written_to(keywords):
-    env = gym.make_vec(STAB, 3, **keywords).unwrapped
+    env = gym.make_vec(STAB, 6, **keywords).unwrapped
     arrays = [env.observation_scale, env.observation_mirror, env.speed, env.friction, *env.fleet.car]
     for array in arrays:
         if isinstance(array, np.ndarray):

@@ -307,9 +307,9 @@ except RuntimeError as error:
 
 def test_each_processor_has_files_of_its_own(process, tmp_path):
     """Some that share a disk must not run each other's code, whatever they are told to compile for."""
-    programs = [PROGRAM + f"# {number}" for number in range(3)]
+    program = PROGRAM.replace("tanh", "linear")
     settings = [{}, {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, {"NUMBA_CPU_FEATURES": ""}]
-    for program, setting in zip(programs, settings, strict=True):
+    for setting in settings:
         assert process(program, **setting).stderr.count("compiling") == 1
         assert process(program, **setting).stderr == ""
     names = [path.name for path in (tmp_path / "cache").rglob("*.nbc")]
