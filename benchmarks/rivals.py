@@ -10,7 +10,7 @@ import numpy as np
 
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.single_track import Car, CarState
-from bicycle_env.tasks.task import Memory, World
+from bicycle_env.tasks.episode import Memory, World
 from bicycle_env.tasks.transition import transition
 
 

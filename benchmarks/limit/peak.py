@@ -16,7 +16,7 @@ import numpy as np
 import bicycle_env  # noqa: F401  (registers the environments)
 from bicycle_env.physics.elementary import namespace
 from bicycle_env.physics.single_track import Car, CarState
-from bicycle_env.tasks.task import Memory, Rules, World
+from bicycle_env.tasks.episode import Memory, Rules, World
 from bicycle_env.tasks.transition import transition
 
 SOURCE = Path(__file__).parent / "peak.c"

@@ -13,7 +13,8 @@ from bicycle_env.analysis.linear_model import LinearModel
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.tires import Tire
 from bicycle_env.physics.vehicle import Vehicle
-from bicycle_env.tasks.task import Rules, Task
+from bicycle_env.tasks.episode import Rules
+from bicycle_env.tasks.task import Task
 
 Array = NDArray[np.floating[Any]]
 

@@ -22,8 +22,7 @@ from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import first_bit
 from bicycle_env.physics.single_track import Axles, axles
 from bicycle_env.physics.tires import Linear, Tire
-from bicycle_env.tasks.ends import corner_outside
-from bicycle_env.tasks.task import Reference
+from bicycle_env.tasks.episode import Reference
 from bicycle_env.tasks.transition import stages
 
 BAD_ACTION = -1
@@ -87,10 +86,10 @@ class Episode(NamedTuple):
 @functools.cache
 def _episode(kind: Kind) -> Episode:
     xp, access, at = kind.xp, blocks.access(kind), layout(kind)
-    task = kind.task_class()
+    task = kind.task
     uniforms, end_column = task.uniforms, at.end * kind.length
     start_law, reference = xp.function(task.start(xp)), xp.function(task.reference(xp))
-    outside = xp.function(corner_outside(xp))
+    outside = xp.function(task.cost(xp))
     observe_law, preview_law = xp.function(task.observe(xp)), xp.function(task.preview(xp))
     keep_route = store(xp, len(task.Route._fields), at.route, kind.length)
 
@@ -122,7 +121,7 @@ def _episode(kind: Kind) -> Episode:
 @functools.cache
 def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
     xp, length, entries, access = kind.xp, kind.length, kind.entries, blocks.access(kind)
-    task, block_columns, episode = kind.task_class(), layout(kind).width, _episode(kind)
+    task, block_columns, episode = kind.task, layout(kind).width, _episode(kind)
     block_size, uniforms = block_columns * length, task.uniforms
     begin, advance, finish = (xp.function(law) for law in stages(xp, task, tire, geometry, reward))
     times = preview_times(kind)
@@ -304,7 +303,7 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
 def _beginning(kind: Kind) -> tuple[Any, Any]:
     """``start`` and ``look``, the same for every tire, geometry and reward."""
     length, entries, access, episode = kind.length, kind.entries, blocks.access(kind), _episode(kind)
-    block_size, uniforms, times = layout(kind).width * length, kind.task_class.uniforms, preview_times(kind)
+    block_size, uniforms, times = layout(kind).width * length, kind.task.uniforms, preview_times(kind)
 
     def start(numbers: Any, mask: Any, generators: Any) -> None:
         world, rows = split(numbers)
@@ -343,7 +342,7 @@ def _measure(kind: Kind, tire: Tire, geometry: str) -> Any:
     xp, length, access = kind.xp, kind.length, blocks.access(kind)
     block_size = layout(kind).width * length
     axles_law = xp.function(axles(xp, tire, geometry))
-    reference_law = xp.function(kind.task_class().reference(xp))
+    reference_law = xp.function(kind.task.reference(xp))
     keep_acting = store(xp, len(Axles._fields), 0, 1)
     keep_reference = store(xp, len(Reference._fields), len(Axles._fields), 1)
 
@@ -362,7 +361,7 @@ def _measure(kind: Kind, tire: Tire, geometry: str) -> Any:
 
 def _label(kind: Kind, tire: Tire, geometry: str) -> str:
     return (
-        f"{kind.task_class.name} for many cars with the {type(tire).__name__} tire, {geometry} geometry, "
+        f"{kind.task.name} for many cars with the {type(tire).__name__} tire, {geometry} geometry, "
         f"{kind.dtype}, in blocks of {kind.length}" + (", each car with its own numbers" if kind.varied else "")
     )
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from bicycle_env.physics import compiled
 from bicycle_env.physics.single_track import Car, CarState
-from bicycle_env.tasks.task import Memory, Rules, Task, World
+from bicycle_env.tasks.episode import Memory, Rules, World
+from bicycle_env.tasks.task import Task
 
 KEPT = ("front_steer_command", "rear_steer_command", "steps", "settled_steps")
 """The numbers of Memory, without the route."""
@@ -58,7 +59,7 @@ class Pair(NamedTuple):
 class Kind(NamedTuple):
     """What lies in a block."""
 
-    task_class: type[Task]
+    task: Task
     entries: int
     """Of the observation."""
     length: int
@@ -79,9 +80,9 @@ def layout(kind: Kind) -> Layout:
     kept = len(CarState._fields)
     end = kept + len(KEPT)
     route = end + 1
-    car = route + len(kind.task_class.Route._fields)
+    car = route + len(kind.task.Route._fields)
     settings = car + (len(Car._fields) if kind.varied else 0)
-    scale = settings + (len(kind.task_class.Settings._fields) if kind.varied else 0)
+    scale = settings + (len(kind.task.Settings._fields) if kind.varied else 0)
     return Layout(0, kept, end, route, car, settings, scale, scale + (kind.entries if kind.varied else 0))
 
 
@@ -148,12 +149,12 @@ SETTINGS = RULES + len(Rules._fields)
 def access(kind: Kind) -> Access:
     """Bind them for a kind."""
     xp, length, at = kind.xp, kind.length, layout(kind)
-    Settings = kind.task_class.Settings
+    Settings = kind.task.Settings
     car_size, rules_size, settings_size = len(Car._fields), len(Rules._fields), len(Settings._fields)
     scales = SETTINGS + settings_size
     bounds = scales + kind.entries
     kept = at.kept * length
-    route = columns(xp, kind.task_class.Route, at.route, length)
+    route = columns(xp, kind.task.Route, at.route, length)
 
     def shared(world: Any) -> World:
         return World(
@@ -207,4 +208,4 @@ def access(kind: Kind) -> Access:
 
 def preview_times(kind: Kind) -> int:
     """Where the look-ahead times begin in `world`."""
-    return SETTINGS + len(kind.task_class.Settings._fields) + 2 * kind.entries
+    return SETTINGS + len(kind.task.Settings._fields) + 2 * kind.entries

@@ -25,8 +25,10 @@ from bicycle_env.physics.simulate import resolve_geometry
 from bicycle_env.physics.single_track import Car, car_on_road
 from bicycle_env.physics.validation import checked_speed, choice, in_range, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.tasks.checking import check
+from bicycle_env.tasks.episode import Rules
 from bicycle_env.tasks.rewards import REWARDS
-from bicycle_env.tasks.task import SETTLED_SECONDS, Entry, Rules, Task
+from bicycle_env.tasks.task import SETTLED_SECONDS, Entry, Task
 
 STEER_MODES = ("front", "rear", "both")
 DEFAULT_SPEED_RATIO = 1.2
@@ -82,9 +84,9 @@ class Configuration:
         return self.task.settings(self.speed)
 
     @property
-    def end_names(self) -> tuple[str, str, str, str]:
+    def end_names(self) -> tuple[str, ...]:
         """The words of the end codes 0, 1, 2, 3 of ``bicycle_env.tasks.ends``."""
-        return ("", "spun", self.task.left_name, "invalid_action")
+        return self.task.end_names
 
     @property
     def steps_to_settle(self) -> int:
@@ -157,7 +159,7 @@ class Configured:
             **fields,
             observation_names=names,
             observation_scale=frozen(configuration.observation_scale),
-            observation_mirror=frozen(np.full(len(names), -1.0)),
+            observation_mirror=frozen(np.array([entry.mirror for entry in configuration.observation_entries])),
         )
 
     @property
@@ -205,6 +207,7 @@ def configure(
 
     `time_limit`: steps of an episode, the default of the horizon; None where it is not known or there is none.
     """
+    check(task)
     vehicle = resolve_vehicle(vehicle)
     tire = tires.resolve(tire)
     speed = resolve_speed(vehicle, speed, speed_ratio)

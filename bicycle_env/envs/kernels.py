@@ -21,8 +21,8 @@ from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import NUMBA
 from bicycle_env.physics.single_track import Car, CarState, axles
 from bicycle_env.physics.tires import Tire
-from bicycle_env.tasks.ends import corner_outside
-from bicycle_env.tasks.task import Memory, Rules, Task, World
+from bicycle_env.tasks.episode import Memory, Rules, World
+from bicycle_env.tasks.task import Task
 from bicycle_env.tasks.transition import transition
 
 Row = NDArray[np.float64]
@@ -85,8 +85,7 @@ class _Access(NamedTuple):
 
 
 @functools.cache
-def _access(task_class: type[Task]) -> _Access:
-    task = task_class()
+def _access(task: Task) -> _Access:
     Route, Settings = task.Route, task.Settings
     route_size, settings_size = len(Route._fields), len(Settings._fields)
     cars = MEMORY + route_size
@@ -144,13 +143,12 @@ def _access(task_class: type[Task]) -> _Access:
 
 
 @functools.cache
-def _beginning(task_class: type[Task]) -> tuple[Any, Any]:
+def _beginning(task: Task) -> tuple[Any, Any]:
     """``start`` and ``look``, the same for every tire, geometry and reward."""
-    access = _access(task_class)
-    task = task_class()
+    access = _access(task)
     start_law = NUMBA.function(task.start(NUMBA))
     reference_law = NUMBA.function(task.reference(NUMBA))
-    cost_law = NUMBA.function(corner_outside(NUMBA))
+    cost_law = NUMBA.function(task.cost(NUMBA))
 
     @NUMBA.function
     def look(memory: Any, observation: Any) -> float:
@@ -178,9 +176,9 @@ def _beginning(task_class: type[Task]) -> tuple[Any, Any]:
 
 
 @functools.cache
-def _stepping(task_class: type[Task], tire: Tire, geometry: str, reward: str) -> Any:
-    access = _access(task_class)
-    step_law = NUMBA.function(transition(NUMBA, task_class(), tire, geometry, reward))
+def _stepping(task: Task, tire: Tire, geometry: str, reward: str) -> Any:
+    access = _access(task)
+    step_law = NUMBA.function(transition(NUMBA, task, tire, geometry, reward))
 
     def step(memory: Any, observation: Any, front: float, rear: float) -> tuple[float, int, float]:
         if not (np.isfinite(front) and np.isfinite(rear)):
@@ -200,10 +198,10 @@ def _stepping(task_class: type[Task], tire: Tire, geometry: str, reward: str) ->
 
 
 @functools.cache
-def _measuring(task_class: type[Task], tire: Tire, geometry: str) -> Any:
-    access = _access(task_class)
+def _measuring(task: Task, tire: Tire, geometry: str) -> Any:
+    access = _access(task)
     axles_law = NUMBA.function(axles(NUMBA, tire, geometry))
-    reference_law = NUMBA.function(task_class().reference(NUMBA))
+    reference_law = NUMBA.function(task.reference(NUMBA))
 
     def measure(memory: Any, out: Any) -> None:
         world, state = access.world(memory), access.state(memory)
@@ -214,20 +212,20 @@ def _measuring(task_class: type[Task], tire: Tire, geometry: str) -> Any:
         for j in range(len(reference)):
             out[len(acting) + j] = reference[j]
 
-    with announcements.progress(_label(task_class, tire, geometry)):
+    with announcements.progress(_label(task, tire, geometry)):
         return compiled.entry_point(measure, numba.void(_row, _row))
 
 
-def _label(task_class: type[Task], tire: Tire, geometry: str) -> str:
-    return f"{task_class.name} with the {type(tire).__name__} tire, {geometry} geometry"
+def _label(task: Task, tire: Tire, geometry: str) -> str:
+    return f"{task.name} with the {type(tire).__name__} tire, {geometry} geometry"
 
 
-def kernels(task_class: type[Task], tire: Tire, geometry: str, reward: str) -> Kernels:
+def kernels(task: Task, tire: Tire, geometry: str, reward: str) -> Kernels:
     """Compiled functions, shared by all environments of the same combination in this process."""
 
     def measure(memory: Any, out: Any) -> None:
-        _measuring(task_class, tire, geometry)(memory, out)
+        _measuring(task, tire, geometry)(memory, out)
 
-    with announcements.progress(_label(task_class, tire, geometry)):
-        start, look = _beginning(task_class)
-        return Kernels(start, look, _stepping(task_class, tire, geometry, reward), measure)
+    with announcements.progress(_label(task, tire, geometry)):
+        start, look = _beginning(task)
+        return Kernels(start, look, _stepping(task, tire, geometry, reward), measure)

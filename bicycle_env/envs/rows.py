@@ -25,14 +25,12 @@ class Rows:
 
     def __init__(self, kind: Kind, fleet: Fleet, num_envs: int, step_limit: int | None) -> None:
         first, at, dtype = fleet.configuration, layout(kind), np.dtype(kind.dtype)
-        self._state = kind.task_class.State
+        self._state = kind.task.State
         self._num_envs = num_envs
         self.blocks = -(-num_envs // kind.length)
         self._names = {
             name: column
-            for column, name in enumerate(
-                (*CarState._fields, *KEPT, "end", *kind.task_class.Route._fields), start=at.state
-            )
+            for column, name in enumerate((*CarState._fields, *KEPT, "end", *kind.task.Route._fields), start=at.state)
         }
         shared = shared_numbers(
             first.car,

@@ -109,7 +109,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._bind()
 
     def _bind(self) -> None:
-        self._kernels = kernels.kernels(self.task_class, self.tire, self.geometry, self.reward)
+        self._kernels = kernels.kernels(self.task, self.tire, self.geometry, self.reward)
         self._step = self._step_after_close if self.closed else self._kernels.step
 
     @property
@@ -314,6 +314,4 @@ def keyword_names(task_class: type[Task]) -> list[str]:
     own = [
         name for name in inspect.signature(SingleTrackEnv.__init__).parameters if name not in ("self", "task_keywords")
     ]
-    if task_class.__init__ is object.__init__:
-        return own
     return own + list(inspect.signature(task_class).parameters)

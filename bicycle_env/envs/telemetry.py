@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bicycle_env.physics.single_track import Axles, Car
-from bicycle_env.tasks.task import Reference
+from bicycle_env.tasks.episode import Reference
 
 MEASURED = (*Axles._fields, *(f"reference_{name}" for name in Reference._fields))
 """What the compiled ``measure`` writes, in this order."""

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 from bicycle_env.envs.fleet import Fleet
 from bicycle_env.physics.elementary import array_namespace
 from bicycle_env.physics.single_track import Car, CarState, axles
-from bicycle_env.tasks.ends import INVALID_ACTION, RUNNING, corner_outside
+from bicycle_env.tasks.ends import INVALID_ACTION, RUNNING
+from bicycle_env.tasks.episode import Memory, World
 from bicycle_env.tasks.rewards import failure_cost
-from bicycle_env.tasks.task import Memory, World
 from bicycle_env.tasks.transition import stages
 
 Tensor = Any
@@ -93,7 +93,7 @@ def torch_kernels(
     times = tensor(task.preview_times).unsqueeze(1)
     pays_for_failure = configuration.reward == "quadratic"
     begin, advance, finish = stages(xp, task, tire, geometry, configuration.reward)
-    start_law, reference_law, cost_law = task.start(xp), task.reference(xp), corner_outside(xp)
+    start_law, reference_law, cost_law = task.start(xp), task.reference(xp), task.cost(xp)
     observe, preview = task.observe(xp), task.preview(xp)
     axles_law, failure = axles(xp, tire, geometry), failure_cost(xp)
 

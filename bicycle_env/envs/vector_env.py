@@ -121,7 +121,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._action_shape = (self.num_envs, self.configuration.axles)
 
         self._kind = blocks.Kind(
-            type(self.task),
+            self.task,
             len(bound),
             blocks.best_length(self.num_envs),
             self.fleet.varied,

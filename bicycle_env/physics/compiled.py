@@ -118,6 +118,10 @@ NUMBA_FLOAT32: elementary.Namespace = elementary.namespace(
 )
 
 
+OF_THIS_PROCESS: dict[str, Callable[..., Any]] = {}
+"""Entry points by content: tasks whose laws are equal share their code, though they may differ in their numbers."""
+
+
 def entry_point(
     function: Callable[..., Any], signature: Any, nogil: bool = False, interleave: int = 0
 ) -> Callable[..., Any]:
@@ -131,6 +135,8 @@ def entry_point(
         raise CompilerDisabledError("bicycle_env needs numba's compiler, and NUMBA_DISABLE_JIT is set: unset it")
     what = f"{digest(function)} {signature} {nogil} {interleave} {llvmlite.__version__}"
     content = hashlib.sha256(what.encode()).hexdigest()
+    if content in OF_THIS_PROCESS:
+        return OF_THIS_PROCESS[content]
     # The linker looks for code by name: what is loaded must not be taken for another content's.
     function.__qualname__ = f"{function.__name__}-{content[:20]}"
     dispatcher: Any = numba.njit(function, nogil=nogil, **COMMON)
@@ -138,8 +144,8 @@ def entry_point(
     with _interleaved(interleave):
         dispatcher.compile(signature)
     dispatcher.disable_compile()
-    compiled: Callable[..., Any] = dispatcher
-    return compiled
+    OF_THIS_PROCESS[content] = dispatcher
+    return OF_THIS_PROCESS[content]
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.single_track import CarState, car_on_road
 from bicycle_env.physics.validation import checked_speed
-from bicycle_env.tasks.task import World
+from bicycle_env.tasks.episode import World
 
 Columns = dict[str, NDArray[np.float64]]
 NEEDED = ("time", *(name for name in CarState._fields if name != "heading"))

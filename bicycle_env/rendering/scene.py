@@ -15,7 +15,8 @@ import numpy as np
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.single_track import CarState, path_rates
 from bicycle_env.physics.vehicle import Vehicle
-from bicycle_env.tasks.task import Task, World
+from bicycle_env.tasks.episode import World
+from bicycle_env.tasks.task import Task
 
 Point = tuple[float, float]
 Shape = tuple[Point, ...]

@@ -12,7 +12,7 @@ from bicycle_env.rendering import dashboard
 from bicycle_env.rendering.dashboard import BACKGROUND, Reading
 from bicycle_env.rendering.painting import paint_road, pixels_per_metre, pygame
 from bicycle_env.rendering.scene import Scene, Setup, build_scene
-from bicycle_env.tasks.task import World
+from bicycle_env.tasks.episode import World
 
 WIDTH, HEIGHT = 960, 540
 ROAD_HEIGHT = 308

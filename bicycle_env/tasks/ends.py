@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bicycle_env.physics.single_track import CarState
-from bicycle_env.tasks.task import Reference, World
+from bicycle_env.tasks.episode import Reference, World
 
 RUNNING, SPUN, LEFT, INVALID_ACTION = 0, 1, 2, 3
 """End codes. The last is not the car's doing: its action was not finite, where many cars may not stop for one."""

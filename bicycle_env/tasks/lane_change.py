@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, number, positive
-from bicycle_env.tasks.task import (
-    SPUN,
-    STRAIGHT,
-    Entry,
-    Memory,
-    Reference,
-    Rules,
-    Task,
-    World,
-    fixed_entries,
-    observed_car,
-)
+from bicycle_env.tasks.episode import Memory, Reference, Rules, World
+from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car
 
 SIDES = {"left": 1.0, "right": -1.0}
 DIRECTIONS = {**SIDES, "random": 0.0}
@@ -71,6 +62,7 @@ class Path(NamedTuple):
     """Half-width of the uniform start of the heading, rad."""
 
 
+@dataclasses.dataclass(frozen=True)
 class LaneChange(Task):
     """Follow y(s) = W (10 s^3 - 15 s^4 + 6 s^5), s from 0 to 1 over the length of the change, then run straight."""
 
@@ -80,39 +72,58 @@ class LaneChange(Task):
     Settings = Path
     State = LaneChangeState
     uniforms = 4
-    left_name = "left_road"
+    ends = ("spun", "left_road")
+    flipped = ("direction",)
     options = {"direction": SIDES, "change_start": (0.0, LATEST_START)}  # noqa: RUF012 (a constant)
 
-    def __init__(
-        self,
-        direction: str = "random",
-        change_start: float | None = None,
-        duration: float | None = None,
-        length: float | None = None,
-        lane_width: float = 3.5,
-        preview_length: float = 1.2,
-        preview_spacing: float = 0.1,
-    ) -> None:
-        self.direction = DIRECTIONS[choice("direction", direction, DIRECTIONS)]
-        self.change_start = None if change_start is None else number("change_start", change_start, 0.0, LATEST_START)
-        if duration is not None and length is not None:
-            raise ValueError(f"give duration or length of the change, not both; got {duration!r} and {length!r}")
-        self.duration = positive("duration", DURATION if duration is None else duration)
-        self.length = None if length is None else positive("length", length)
-        self.lane_width = positive("lane_width", lane_width)
-        preview_length = number("preview_length", preview_length, 0.0)
-        preview_spacing = positive("preview_spacing", preview_spacing)
-        points = preview_length / preview_spacing + 1e-9
-        if points >= PREVIEW_POINTS_LIMIT + 1:
-            raise ValueError(f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT}, got {points:g}")
-        self.preview_times = tuple(preview_spacing * (k + 1) for k in range(int(points)))
+    direction: str = "random"
+    change_start: float | None = None
+    """s after the start; None for random."""
+    duration: float | None = None
+    """s; 1.5 unless the length is given."""
+    length: float | None = None
+    """m, in place of the duration."""
+    lane_width: float = 3.5
+    preview_length: float = 1.2
+    """s."""
+    preview_spacing: float = 0.1
+    """s."""
+
+    def __post_init__(self) -> None:
+        checked: dict[str, Any] = {"direction": choice("direction", self.direction, DIRECTIONS)}
+        if self.duration is not None and self.length is not None:
+            raise ValueError(
+                f"give duration or length of the change, not both; got {self.duration!r} and {self.length!r}"
+            )
+        checked |= {name: positive(name, getattr(self, name)) for name in ("lane_width", "preview_spacing")}
+        if self.length is None:
+            checked["duration"] = positive("duration", DURATION if self.duration is None else self.duration)
+        else:
+            checked["length"] = positive("length", self.length)
+        checked["preview_length"] = number("preview_length", self.preview_length, 0.0)
+        if self.change_start is not None:
+            checked["change_start"] = number("change_start", self.change_start, 0.0, LATEST_START)
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+        if self._points >= PREVIEW_POINTS_LIMIT + 1:
+            raise ValueError(
+                f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT}, got {self._points:g}"
+            )
+
+    @property
+    def _points(self) -> float:
+        return self.preview_length / self.preview_spacing + 1e-9
+
+    @property
+    def preview_times(self) -> tuple[float, ...]:
+        return tuple(self.preview_spacing * (k + 1) for k in range(int(self._points)))
 
     def settings(self, speed: float) -> Path:
         early, late = (0.5, 1.5) if self.change_start is None else (self.change_start, self.change_start)
         return Path(
             lane_width=self.lane_width,
-            change_length=self.length if self.length is not None else speed * self.duration,
-            direction=self.direction,
+            change_length=self.length if self.duration is None else speed * self.duration,
+            direction=DIRECTIONS[self.direction],
             earliest_start=speed * early,
             latest_start=speed * late,
             offset=0.3,

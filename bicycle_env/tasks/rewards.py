@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bicycle_env.physics.single_track import Car, CarState
-from bicycle_env.tasks.task import Memory, Reference, World
+from bicycle_env.tasks.episode import Memory, Reference, World
 
 REWARDS = ("default", "quadratic")
 

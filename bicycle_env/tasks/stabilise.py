@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple
 
 from bicycle_env.physics.single_track import CarState
-from bicycle_env.tasks.task import (
-    SPUN,
-    STRAIGHT,
-    Entry,
-    Memory,
-    Reference,
-    Rules,
-    Task,
-    World,
-    fixed_entries,
-    observed_car,
-)
+from bicycle_env.tasks.episode import Memory, Reference, Rules, World
+from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car
 
 
 class StabiliseState(NamedTuple):
@@ -47,6 +38,7 @@ class StartBox(NamedTuple):
     yaw_rate: Any
 
 
+@dataclasses.dataclass(frozen=True)
 class Stabilise(Task):
     """The car still travels along its lane (its course is small) but its body is turned and turning.
 
@@ -59,7 +51,7 @@ class Stabilise(Task):
     Settings = StartBox
     State = StabiliseState
     uniforms = 4
-    left_name = "left_lane"
+    ends = ("spun", "left_lane")
 
     def settings(self, speed: float) -> StartBox:
         return StartBox(lateral_position=0.3, course=0.01, sideslip=0.3, yaw_rate=0.8)

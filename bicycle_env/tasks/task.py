@@ -1,8 +1,9 @@
 """What a task is: a few pure functions of state, memory and world, written in a namespace ``xp`` like the physics.
 
-The environments do not know which task they run. A task says how an episode starts, which reference the car should
-follow and how long the corridor is in which it must stay; the laws that all tasks share (observation, reward, end of
-an episode) are in the modules beside this one and are written against that reference.
+A task is a frozen object, compared by value, like a tire: the environments and their compiled code are given the object
+itself and do not know which task they run. It says how an episode starts, which reference the car should follow and how
+wide the corridor is in which it must stay. What ends an episode, what is a success and what costs has a default in the
+modules beside this one, written against that reference; a task may have its own.
 """
 
 from __future__ import annotations
@@ -11,80 +12,10 @@ import abc
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
-from bicycle_env.physics.single_track import Car, CarState
+from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, known_keys, number
-
-
-class Memory(NamedTuple):
-    """What an episode remembers beside the car's state."""
-
-    front_steer_command: Any
-    """Last command to the front actuator, rad."""
-    rear_steer_command: Any
-    """Last command to the rear actuator, rad."""
-    steps: Any
-    """Control steps since the start."""
-    settled_steps: Any
-    """Consecutive control steps, up to now, in which the car was within all tolerances."""
-    route: Any
-    """The task's own named tuple, fixed during an episode."""
-
-
-class Reference(NamedTuple):
-    """Where the car should be at its present place on the road."""
-
-    lateral_position: Any
-    """m."""
-    heading: Any
-    """rad."""
-    goal: Any
-    """Lateral position at which the task is done, m."""
-    road_centre: Any
-    """Middle of the corridor that must not be left, m."""
-
-
-class Rules(NamedTuple):
-    """Numbers that every task has."""
-
-    control_timestep: Any
-    substeps: Any
-    horizon: Any
-    """Control steps that a failure of the quadratic reward pays for."""
-    steers_front: Any
-    """1 where the action steers the front axle, else 0."""
-    steers_rear: Any
-    road_half_width: Any
-    """From the middle of the corridor to its edge, m."""
-    sideslip_limit: Any
-    yaw_rate_limit: Any
-    heading_limit: Any
-    lateral_tolerance: Any
-    heading_tolerance: Any
-    sideslip_tolerance: Any
-    yaw_rate_tolerance: Any
-    lateral_weight: Any
-    heading_weight: Any
-    sideslip_weight: Any
-    yaw_rate_weight: Any
-    effort_weight: Any
-    smoothness_weight: Any
-    lateral_cost: Any
-    heading_cost: Any
-    lateral_velocity_cost: Any
-    yaw_rate_cost: Any
-    front_steer_cost: Any
-    rear_steer_cost: Any
-    front_command_cost: Any
-    rear_command_cost: Any
-
-
-class World(NamedTuple):
-    """All that stays the same during an episode."""
-
-    car: Car
-    rules: Rules
-    settings: Any
-    """The task's own numbers, a named tuple."""
+from bicycle_env.tasks.ends import corner_outside, end_code, settled
+from bicycle_env.tasks.episode import Memory, Rules, World
 
 
 class Entry(NamedTuple):
@@ -95,6 +26,8 @@ class Entry(NamedTuple):
     scale: float
     bound: float
     meaning: str
+    mirror: float = -1.0
+    """What the entry is multiplied by in the mirror image: -1, or +1 for what has no side."""
 
 
 Law = Callable[..., Any]
@@ -115,7 +48,11 @@ def allowed_number(name: str, value: Any, allowed: Allowed) -> float:
 
 
 class Task(abc.ABC):
-    """Base of the tasks. Constructors take the task's own keywords and validate them."""
+    """Base of the tasks: frozen dataclasses whose fields are the task's own keywords, checked in ``__post_init__``.
+
+    What a law takes from a field becomes a constant of the compiled code; what depends on the car or the speed, or
+    should change without compiling anew, goes into ``settings``.
+    """
 
     name: ClassVar[str]
     episode_steps: ClassVar[int]
@@ -127,13 +64,23 @@ class Task(abc.ABC):
     """Named-tuple class of ``env.unwrapped.state``: CarState, both commands, time, then the route."""
     uniforms: ClassVar[int]
     """How many uniform numbers in [0, 1) a start takes."""
-    left_name: ClassVar[str]
-    """The word in ``info["end"]`` for leaving the corridor."""
+    ends: ClassVar[tuple[str, ...]]
+    """The words in ``info["end"]`` for the codes 1, 2, 4, 5, ... of :meth:`end`; 3 is the environments' own."""
     options: ClassVar[Mapping[str, Allowed]] = {}
     """Reset options of the task beside ``state``."""
 
-    preview_times: tuple[float, ...] = ()
-    """Look-ahead times of the preview in the observation, s."""
+    flipped: ClassVar[tuple[str, ...] | None] = ()
+    """Names in ``Route`` that change sign in the mirror image; None for a task that has no mirror image."""
+
+    @property
+    def preview_times(self) -> tuple[float, ...]:
+        """Look-ahead times of the preview in the observation, s."""
+        return ()
+
+    @property
+    def end_names(self) -> tuple[str, ...]:
+        """The words of the end codes 0, 1, 2, ..."""
+        return ("", *self.ends[:2], "invalid_action", *self.ends[2:])
 
     @abc.abstractmethod
     def settings(self, speed: float) -> Any:
@@ -162,6 +109,18 @@ class Task(abc.ABC):
             return 0.0 * state.lateral_position
 
         return preview
+
+    def end(self, xp: Any) -> Law:
+        """``end(state, reference, world) -> code``: 0 while running; what the others mean is in ``ends``."""
+        return end_code(xp)
+
+    def success(self, xp: Any) -> Law:
+        """``success(state, reference, world) -> bool``: what must hold for the last second of an episode."""
+        return settled(xp)
+
+    def cost(self, xp: Any) -> Law:
+        """``cost(state, reference, world)``: the safety cost of a step, beside the reward."""
+        return corner_outside(xp)
 
     @abc.abstractmethod
     def entries(self, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import CarState, actuated_single_track
 from bicycle_env.physics.tires import Tire
-from bicycle_env.tasks.ends import corner_outside, end_code, settled
+from bicycle_env.tasks.episode import Memory, World
 from bicycle_env.tasks.rewards import bounded_reward, failure_cost, quadratic_reward
-from bicycle_env.tasks.task import Memory, Task, World
+from bicycle_env.tasks.task import Task
 
 Law = Callable[..., Any]
 
@@ -34,9 +34,9 @@ def stages(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Stage
     """The parts of :func:`transition`."""
     substep = xp.function(rk4(xp, actuated_single_track(xp, tire, geometry)))
     reference_law = xp.function(task.reference(xp))
-    end_law = xp.function(end_code(xp))
-    settled_law = xp.function(settled(xp))
-    cost_law = xp.function(corner_outside(xp))
+    end_law = xp.function(task.end(xp))
+    success_law = xp.function(task.success(xp))
+    cost_law = xp.function(task.cost(xp))
     bounded = xp.function(bounded_reward(xp))
     quadratic = xp.function(quadratic_reward(xp))
     failure_law = xp.function(failure_cost(xp))
@@ -71,7 +71,7 @@ def stages(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Stage
             action[0] * car.front_angle_limit,
             action[1] * car.rear_angle_limit,
             steps,
-            xp.where(settled_law(state, reference, world), memory.settled_steps + 1.0, 0.0),
+            xp.where(success_law(state, reference, world), memory.settled_steps + 1.0, 0.0),
             memory.route,
         )
         return remembered, gained, end, cost

@@ -257,7 +257,7 @@ def test_the_limits(page):
     )
     seconds = page.row.max_episode_steps * page.env.control_timestep
     page.has(f"Truncated after {page.row.max_episode_steps} steps ({seconds:g} s)")
-    assert f'- `"{page.env.task.left_name}"`' in page.section("Episode end")
+    assert all(f'- `"{word}"`' in page.section("Episode end") for word in page.env.task.ends)
     assert '- `"spun"`' in page.section("Episode end")
 
 

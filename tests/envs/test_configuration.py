@@ -10,8 +10,8 @@ from bicycle_env.envs.configuration import configure
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.validation import RANGES
 from bicycle_env.physics.vehicle import QUANTITIES
+from bicycle_env.tasks.episode import Memory, World
 from bicycle_env.tasks.stabilise import Stabilise
-from bicycle_env.tasks.task import Memory, World
 from bicycle_env.tasks.transition import transition
 
 LENGTHS = ("front_half_track", "rear_half_track", "front_overhang", "rear_overhang", "body_width")

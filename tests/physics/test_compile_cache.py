@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from bicycle_env.physics import announcements, compile_cache
+from bicycle_env.physics import announcements, compile_cache, compiled
 from bicycle_env.physics.compiled import entry_point
 
 NUMBER = numba.float64(numba.float64)
@@ -20,6 +20,7 @@ def law(x):
 
 def compile_again():
     """What a new process does: it finds the same content. Whether something was compiled is in ``said``."""
+    compiled.OF_THIS_PROCESS.clear()
     with announcements.progress("the law"):
         function = entry_point(law, NUMBER)
     assert function(2.0) == 6.0
@@ -71,6 +72,7 @@ def test_a_processor_without_multiply_add_is_said_to_be_slow(folder, monkeypatch
     "change", [{"nogil": True}, {"interleave": 2}, {"signature": numba.int64(numba.int64)}], ids=str
 )
 def test_another_way_to_compile_has_another_file(file, change):
+    compiled.OF_THIS_PROCESS.clear()
     entry_point(**{"function": law, "signature": NUMBER, **change})
     assert len({path.name for path in file.parent.iterdir()}) == 2
 

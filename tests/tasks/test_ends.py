@@ -9,8 +9,8 @@ from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.single_track import CarState, car_on_road
 from bicycle_env.tasks.ends import LEFT, RUNNING, SPUN, end_code, settled
+from bicycle_env.tasks.episode import Reference, World
 from bicycle_env.tasks.stabilise import Stabilise
-from bicycle_env.tasks.task import Reference, World
 
 SPEED = 30.0
 GOAL = Reference(lateral_position=2.0, heading=0.0, goal=2.0, road_centre=1.0)

@@ -1,0 +1,159 @@
+"""What every task must hold, tried when it is first used: its laws are run on two cars at once, in numpy.
+
+What would otherwise be sixty lines of compiler, a number written past the end of an array, or a wrong result in a
+vector environment alone, is one line here, which names the task and the law.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.presets import vehicles
+from bicycle_env.physics.single_track import CarState, car_on_road
+from bicycle_env.tasks.episode import Memory, Reference, World
+from bicycle_env.tasks.task import Task
+
+SPEED, CONTROL_TIMESTEP, SUBSTEPS = 30.0, 0.02, 5
+COMMANDS = ("front_steer_command", "rear_steer_command")
+PLACES = (
+    CarState(np.array([0.0, 40.0]), *(np.array([0.01, -0.02]) * size for size in (1.0, 1.0, 5.0, 2.0, 1.0, 1.0))),
+    CarState(np.array([70.0, 9.0]), *(np.array([-1.5, 2.0]) * size for size in (2.0, 0.5, 9.0, 1.0, 0.02, 0.02))),
+)
+"""States of two cars each: near straight running, and far from it."""
+
+
+@functools.cache
+def check(task: Task) -> None:
+    """Refuse a task that the environments or the analysis would contradict: ValueError or TypeError names its law."""
+    name = type(task).__name__
+    if not (dataclasses.is_dataclass(task) and type(task).__dataclass_params__.frozen):
+        raise TypeError(f"task {name} must be a frozen dataclass: write @dataclasses.dataclass(frozen=True) above it")
+    fields = (*CarState._fields, *COMMANDS, "time", *task.Route._fields)
+    if task.State._fields != fields:
+        raise ValueError(f"task {name}: State must have the fields {', '.join(fields)}, got {task.State._fields}")
+    if not set(task.flipped or ()) <= set(task.Route._fields):
+        raise ValueError(f"task {name}: flipped must be names of Route, {task.Route._fields}, got {task.flipped}")
+    rules = task.rules(
+        control_timestep=CONTROL_TIMESTEP,
+        substeps=SUBSTEPS,
+        horizon=task.episode_steps,
+        steers_front=1.0,
+        steers_rear=1.0,
+    )
+    world = World(car_on_road(vehicles["me303"], SPEED, 1.0, FRONT, REAR), rules, task.settings(SPEED))
+    _check_laws(task, name, world)
+
+
+def _check_laws(task: Task, name: str, world: World) -> None:
+    entries = task.entries(SPEED, FRONT.angle_limit, REAR.angle_limit)
+    names, mirror = [entry.name for entry in entries], [entry.mirror for entry in entries]
+    if len(set(names)) < len(names):
+        raise ValueError(f"task {name}: the names of its entries must differ, got {', '.join(names)}")
+    seen = len(entries) - len(task.preview_times)
+
+    def law_of(law: str) -> Callable[..., Any]:
+        return _tried(f"task {name}: its law {law!r}", getattr(task, law)(NUMPY))
+
+    start, reference, observe, preview = map(law_of, ("start", "reference", "observe", "preview"))
+    end, success, cost = map(law_of, ("end", "success", "cost"))
+    uniforms = np.random.default_rng(0).random((task.uniforms, 2))
+    state, route = start(uniforms, world)
+    _must_be(CarState, state, f"task {name}: its law 'start' must return (CarState, Route); the first")
+    _must_be(task.Route, route, f"task {name}: its law 'start' must return (CarState, Route); the second")
+    for place in (state, *PLACES):
+        found = []
+        for side in (1.0, -1.0) if task.flipped is not None else (1.0,):
+            here, way = _mirrored(place, side, CarState._fields[1:]), _mirrored(route, side, task.flipped or ())
+            zero = 0.0 * here.heading
+            memory = Memory(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, way)
+            wanted = reference(here, way, world)
+            _must_be(Reference, wanted, f"task {name}: its law 'reference'")
+            values = observe(here, memory, world)
+            if len(values) != seen:
+                raise ValueError(
+                    f"task {name}: its law 'observe' must return a value for each of the {seen} entries that are no "
+                    f"preview ({', '.join(names[:seen])}), got {len(values)}"
+                )
+            ahead = [preview(here, way, world, time) for time in task.preview_times]
+            _check_ends(name, task, end(here, wanted, world))
+            judged = (end(here, wanted, world), success(here, wanted, world), cost(here, wanted, world))
+            signed = (
+                np.array(value) * (sign if side < 0.0 else 1.0)
+                for value, sign in zip((*values, *ahead), mirror, strict=True)
+            )
+            found.append([*signed, *map(np.array, judged)])
+        labels = [*(f"entry {entry!r}" for entry in names), "law 'end'", "law 'success'", "law 'cost'"]
+        for label, left, right in zip(labels, found[0], found[-1], strict=True):
+            if not np.array_equal(left, right):
+                raise ValueError(
+                    f"task {name}: its {label} is another one for the mirror image, {right} instead of {left}; give "
+                    "the entry its `mirror`, name what changes sign in `flipped`, or set it to None"
+                )
+
+
+def _check_ends(name: str, task: Task, code: Any) -> None:
+    known = {k for k, word in enumerate(task.end_names) if word != "invalid_action"}
+    if not set(np.ravel(code).tolist()) <= known:
+        raise ValueError(f"task {name}: its law 'end' must return codes among {sorted(known)}, got {np.ravel(code)}")
+
+
+def _must_be(record: type, value: Any, label: str) -> None:
+    if not isinstance(value, record):
+        raise TypeError(f"{label} must be a {record.__name__}, got {type(value).__name__}")
+
+
+def _mirrored(record: Any, side: float, names: tuple[str, ...]) -> Any:
+    return record._replace(**{name: side * getattr(record, name) for name in names})
+
+
+def _tried(label: str, law: Callable[..., Any]) -> Callable[..., Any]:
+    """The law, with errors in one line: it must give one finite number per car, whichever stands beside it."""
+
+    def tried(*arguments: Any) -> Any:
+        try:
+            value = law(*arguments)
+            alone = [law(*_twice(arguments, car)) for car in (0, 1)]
+        except Exception as error:
+            raise ValueError(f"{label} fails on two cars at once ({_words(error)})") from error
+        for name, both, first, second in zip(_names(value), _flat(value), *map(_flat, alone), strict=True):
+            if np.shape(both) != (2,) or not np.all(np.isfinite(both)):
+                raise ValueError(f"{label} must give one finite number per car, got {name}{both!r} for two")
+            if not np.array_equal(both, [first[0], second[1]]):
+                raise ValueError(f"{label} mixes the cars: got {name}{both!r}, {first!r} for the first one twice")
+        return value
+
+    return tried
+
+
+def _words(error: Exception) -> str:
+    text = f"{type(error).__name__}: {error}".splitlines()[0]
+    if "truth value" in text:
+        return "it branches on data: use xp.where"
+    return text
+
+
+def _flat(value: Any) -> list[Any]:
+    return [leaf for part in value for leaf in _flat(part)] if isinstance(value, tuple) else [value]
+
+
+def _names(value: Any) -> list[str]:
+    """Of the leaves of :func:`_flat`: the field's name where there is one."""
+    if not isinstance(value, tuple):
+        return [""]
+    fields = getattr(value, "_fields", [f"[{k}]" for k in range(len(value))])
+    return [inner or f"{field} = " for field, part in zip(fields, value, strict=True) for inner in _names(part)]
+
+
+def _twice(value: Any, car: int) -> Any:
+    """With one of the two cars in both places."""
+    if isinstance(value, tuple):
+        parts = [_twice(part, car) for part in value]
+        return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+    return value[..., [car, car]] if np.ndim(value) else value

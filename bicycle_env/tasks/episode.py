@@ -1,0 +1,79 @@
+"""What the laws of a task are functions of: what an episode remembers, its reference, and what stays the same."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from bicycle_env.physics.single_track import Car
+
+
+class Memory(NamedTuple):
+    """What an episode remembers beside the car's state."""
+
+    front_steer_command: Any
+    """Last command to the front actuator, rad."""
+    rear_steer_command: Any
+    """Last command to the rear actuator, rad."""
+    steps: Any
+    """Control steps since the start."""
+    settled_steps: Any
+    """Consecutive control steps, up to now, in which the car was within all tolerances."""
+    route: Any
+    """The task's own named tuple, fixed during an episode."""
+
+
+class Reference(NamedTuple):
+    """Where the car should be at its present place on the road."""
+
+    lateral_position: Any
+    """m."""
+    heading: Any
+    """rad."""
+    goal: Any
+    """Lateral position at which the task is done, m."""
+    road_centre: Any
+    """Middle of the corridor that must not be left, m."""
+
+
+class Rules(NamedTuple):
+    """Numbers that every task has."""
+
+    control_timestep: Any
+    substeps: Any
+    horizon: Any
+    """Control steps that a failure of the quadratic reward pays for."""
+    steers_front: Any
+    """1 where the action steers the front axle, else 0."""
+    steers_rear: Any
+    road_half_width: Any
+    """From the middle of the corridor to its edge, m."""
+    sideslip_limit: Any
+    yaw_rate_limit: Any
+    heading_limit: Any
+    lateral_tolerance: Any
+    heading_tolerance: Any
+    sideslip_tolerance: Any
+    yaw_rate_tolerance: Any
+    lateral_weight: Any
+    heading_weight: Any
+    sideslip_weight: Any
+    yaw_rate_weight: Any
+    effort_weight: Any
+    smoothness_weight: Any
+    lateral_cost: Any
+    heading_cost: Any
+    lateral_velocity_cost: Any
+    yaw_rate_cost: Any
+    front_steer_cost: Any
+    rear_steer_cost: Any
+    front_command_cost: Any
+    rear_command_cost: Any
+
+
+class World(NamedTuple):
+    """All that stays the same during an episode."""
+
+    car: Car
+    rules: Rules
+    settings: Any
+    """The task's own numbers, a named tuple."""

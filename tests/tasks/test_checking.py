@@ -1,0 +1,215 @@
+"""A task that the environments would contradict is refused when it is first used, in one line that names its law."""
+
+import dataclasses
+from typing import ClassVar, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from bicycle_env.envs import BicycleStabEnv, TorchVectorEnv
+from bicycle_env.envs.bicycle_stab import BicycleStabVectorEnv
+from bicycle_env.physics.single_track import CarState
+from bicycle_env.tasks.checking import check
+from bicycle_env.tasks.episode import Reference
+from bicycle_env.tasks.lane_change import LaneChange
+from bicycle_env.tasks.stabilise import Stabilise
+from bicycle_env.tasks.task import Entry, Task
+
+TASKS = [Stabilise(), LaneChange(), LaneChange("left", 1.0, length=40.0), LaneChange(preview_length=0.0)]
+
+
+def variant(**changes):
+    """Stabilise with another law: a class of its own, frozen."""
+    return dataclasses.dataclass(frozen=True)(type("Variant", (Stabilise,), changes))()
+
+
+def law(function):
+    """``task.name(xp)`` of a law that needs no namespace."""
+    return lambda task, xp: function
+
+
+def other_observation(observed):
+    return law(lambda state, memory, world: observed(state, memory))
+
+
+@pytest.mark.parametrize("task", TASKS, ids=repr)
+def test_the_packages_own_tasks_pass(task):
+    check(task)
+
+
+def test_tasks_are_values():
+    assert LaneChange() == LaneChange(duration=1.5) == LaneChange(duration=np.float32(1.5))
+    assert LaneChange() != LaneChange(duration=2.0)
+    assert len({Stabilise(), Stabilise(), LaneChange(), LaneChange("left")}) == 3
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        LaneChange().lane_width = 3.0
+
+
+class OtherState(NamedTuple):
+    longitudinal_position: float
+    time: float
+
+
+FAULTS = {
+    "one value too many": (
+        {"observe": other_observation(lambda state, memory: (state.heading,) * 9)},
+        r"'observe' must return a value for each of the 8 entries that are no preview \(lateral_position, .*got 9",
+    ),
+    "one value too few": (
+        {"observe": other_observation(lambda state, memory: (state.heading,))},
+        "'observe' must return a value for each of the 8 entries .*got 1",
+    ),
+    "a typo": (
+        {"reference": law(lambda state, route, world: Reference(state.yawrate, 0.0, 0.0, 0.0))},
+        "'reference' fails on two cars at once .*'CarState' object has no attribute 'yawrate'",
+    ),
+    "a branch": (
+        {"end": law(lambda state, reference, world: 1 if state.heading > 0.0 else 0)},
+        "'end' fails on two cars at once .it branches on data: use xp.where",
+    ),
+    "a mean over the cars": (
+        {"cost": law(lambda state, reference, world: 0.0 * state.heading + np.mean(state.heading) ** 2)},
+        "'cost' mixes the cars",
+    ),
+    "the first car's": (
+        {"cost": law(lambda state, reference, world: 0.0 * state.heading + state.heading[0] ** 2)},
+        "'cost' mixes the cars",
+    ),
+    "a constant": (
+        {"cost": law(lambda state, reference, world: 0.0)},
+        "'cost' must give one finite number per car, got 0.0",
+    ),
+    "not finite": (
+        {"cost": law(lambda state, reference, world: state.heading / 0.0)},
+        "'cost' must give one finite number per car",
+    ),
+    "no reference": (
+        {"reference": law(lambda state, route, world: (state.heading,) * 4)},
+        "'reference' must be a Reference, got tuple",
+    ),
+    "a start without a route": (
+        {"start": law(lambda uniforms, world: (CarState(*(uniforms[0],) * 7), (uniforms[0],)))},
+        r"'start' must return \(CarState, Route\); the second must be a NoRoute, got tuple",
+    ),
+    "an end without a word": (
+        {"end": law(lambda state, reference, world: 4 + 0 * state.heading)},
+        r"'end' must return codes among \[0, 1, 2\], got \[4",
+    ),
+    "another one for the mirror image": (
+        {"success": law(lambda state, reference, world: state.heading > 0.0)},
+        "law 'success' is another one for the mirror image.*`flipped`",
+    ),
+    "an entry without a side": (
+        {"observe": other_observation(lambda state, memory: (abs(state.heading), *(state.heading,) * 7))},
+        "entry 'lateral_position' is another one for the mirror image.*`mirror`",
+    ),
+    "the same name twice": (
+        {"entries": lambda task, speed, front, rear: (Entry("x", "m", 1.0, 1.0, ""),) * 8},
+        "names of its entries must differ, got x, x",
+    ),
+    "another state": ({"State": OtherState}, "State must have the fields longitudinal_position, .*time, got"),
+    "a name that flips and is not there": ({"flipped": ("direction",)}, "flipped must be names of Route"),
+}
+
+
+@pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_one_line(fault):
+    changes, words = FAULTS[fault]
+    with pytest.raises((ValueError, TypeError), match=f"^task Variant: .*{words}") as caught:
+        check(variant(**changes))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_task_without_a_mirror_image_says_so():
+    one_sided = law(lambda state, reference, world: state.heading > 0.0)
+    check(variant(success=one_sided, flipped=None))
+
+
+def test_a_task_that_is_not_frozen_is_refused():
+    laws = {name: value for name, value in vars(Stabilise).items() if not name.startswith("__")}
+    with pytest.raises(TypeError, match="task Loose must be a frozen dataclass"):
+        check(type("Loose", (Task,), laws)())
+
+
+# A task of one's own in all environments
+
+
+@dataclasses.dataclass(frozen=True)
+class Wide(Stabilise):
+    """Ends, succeeds and costs by laws of its own, which read its own keyword."""
+
+    limit: float = 0.5
+    ends: ClassVar = ("spun", "left_lane", "turned", "went_back")
+
+    def end(self, xp):
+        limit = self.limit
+
+        def end(state, reference, world):
+            return xp.where(abs(state.heading) > limit, 4, xp.where(state.lateral_velocity < -1e9, 5, 0))
+
+        return end
+
+    def success(self, xp):
+        limit = self.limit
+        return lambda state, reference, world: abs(state.heading) < 0.5 * limit
+
+    def cost(self, xp):
+        limit = self.limit
+        return lambda state, reference, world: xp.where(
+            abs(state.heading) > 0.1 * limit, limit + 0.0 * state.heading, 0.0
+        )
+
+
+class WideEnv(BicycleStabEnv):
+    task_class = Wide
+
+
+class WideVectorEnv(BicycleStabVectorEnv):
+    single_class = WideEnv
+
+
+@pytest.fixture
+def wide(monkeypatch):
+    for spec in [name for name in gym.registry if name.startswith("Wide")]:
+        monkeypatch.delitem(gym.registry, spec)
+    gym.register("Wide-v0", WideEnv, vector_entry_point=WideVectorEnv, max_episode_steps=100)
+    yield
+    gym.registry.pop("Wide-v0")
+
+
+@pytest.mark.parametrize("limit", [0.3, 0.4])
+def test_a_law_reads_the_tasks_own_keyword_in_every_environment(wide, limit):
+    """Kernels of an earlier revision were made of `Wide()`, whatever the keyword."""
+    given = {"limit": limit, "tire": "linear"}
+    state = {"heading": 0.28, "yaw_rate": 0.4}
+    single = gym.make("Wide-v0", **given).unwrapped
+    many = WideVectorEnv(3, **given, autoreset_mode="Disabled", max_episode_steps=100)
+    tensors = TorchVectorEnv("Wide-v0", 3, **given, autoreset_mode="Disabled")
+    single.reset(seed=0, options={"state": state})
+    many.reset(seed=0, options={"state": state})
+    tensors.reset(seed=0)
+    tensors.set_state({**dict.fromkeys(single.state._fields[:9], 0.0), **state, "time": 0.0})
+    assert (
+        many.end_names[:6]
+        == tensors.end_names[:6]
+        == ("", "spun", "left_lane", "invalid_action", "turned", "went_back")
+    )
+    ended = 0
+    for _ in range(40):
+        _, _, terminated, _, info = single.step(np.zeros(2, np.float32))
+        _, _, flags, _, infos = many.step(np.zeros((3, 2), np.float32))
+        of_tensors = tensors.step(torch.zeros(3, 2))
+        assert flags.tolist() == [terminated] * 3 == of_tensors[2].tolist()
+        assert many.end_names[infos["end"][0]] == info["end"] == tensors.end_names[of_tensors[4]["end"][0]]
+        assert infos["cost"].tolist() == [info["cost"]] * 3 == of_tensors[4]["cost"].tolist()
+        assert many.is_success.tolist() == [single.is_success] * 3 == tensors.is_success.tolist()
+        ended += terminated
+        if terminated:
+            assert abs(single.state.heading) > limit
+            assert info["end"] == "turned"
+            break
+        assert abs(single.state.heading) <= limit
+    assert ended == 1
