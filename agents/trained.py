@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import re
 from pathlib import Path
@@ -12,7 +11,7 @@ import gymnasium as gym
 
 from agents.messages import UserError
 from bicycle_env import control
-from bicycle_env.envs.single_track_env import SingleTrackEnv
+from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names
 from bicycle_env.files import shown
 
 WORD = re.compile(r"[A-Za-z0-9_]{1,40}")
@@ -44,8 +43,7 @@ def keywords_of(name: str, network: control.Network, environment: type[SingleTra
         UserError: it holds something else; the line says what, and that --env-keywords serves instead.
     """
     found: dict[str, Any] = network.description.get("env_keywords", {})
-    constructors = (SingleTrackEnv.__init__, environment.task_class.__init__)
-    allowed = {LIMIT, *(name for constructor in constructors for name in inspect.signature(constructor).parameters)}
+    allowed = {LIMIT, *keyword_names(environment)}
     try:
         for key, value in found.items():
             if key not in allowed - NOT_FROM_A_FILE:

@@ -22,13 +22,12 @@ __all__ = [
     "__version__",
     "analysis",
     "plots",
+    "register",
     "register_vehicle",
     "simulate",
     "tires",
     "vehicles",
 ]
-
-register()
 
 
 def __getattr__(name: str) -> Any:

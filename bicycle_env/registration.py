@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 
@@ -32,8 +32,7 @@ ENVIRONMENTS = (
 )
 
 
-def register() -> None:
-    """Register every id that is not registered yet."""
+def _register_own() -> None:
     for row in ENVIRONMENTS:
         if row.id not in gym.registry:
             gym.register(
@@ -42,3 +41,32 @@ def register() -> None:
                 vector_entry_point=row.vector_entry_point,
                 max_episode_steps=row.max_episode_steps,
             )
+
+
+def register(id: str, task: Any, max_episode_steps: int | None = None) -> None:
+    """Register an environment of a task of one's own.
+
+    ``gym.make``, ``gym.make_vec``, ``TorchVectorEnv`` and the commands then know it, with all keywords that the other
+    environments have and with the task's fields. In a module that can be imported, say ``my_task.py``, it is found as
+    ``my_task:Mine/Gusty-v0``, too, and workers that are spawned import the task's module by themselves.
+
+    Args:
+        id: ``"Mine/Gusty-v0"``; registering an id again replaces it.
+        task: a :class:`bicycle_env.tasks.task.Task`, or a class of them whose fields all have defaults.
+        max_episode_steps: time limit; by default the task's ``episode_steps``.
+
+    Raises:
+        TypeError, ValueError: not a task, or one that the environments would contradict; a bad number of steps; an id
+            of this package.
+    """
+    from bicycle_env.envs import of_tasks  # compiled code is loaded when an environment is made
+
+    if id in {row.id for row in ENVIRONMENTS}:
+        raise ValueError(f"id must not be one of this package's own, got {id!r}")
+    task, steps = of_tasks.checked(task, max_episode_steps)
+    single, many = of_tasks.add(id, task)
+    gym.registry.pop(id, None)
+    gym.register(id, entry_point=single, vector_entry_point=many, max_episode_steps=steps)
+
+
+_register_own()

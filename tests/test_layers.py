@@ -60,7 +60,7 @@ ROWS = {
     "wrappers.sb3_vec_env": Row(set(), {"gymnasium", "numpy", "stable_baselines3"}),  # imported when first named
     "plots": Row({*BELOW_ENVS, "files", "installation"}, {"numpy"}, lazy_packages={"matplotlib"}),
     "optimum": Row({*BELOW_ENVS, "control", "envs"}, {"gymnasium", "numpy"}),  # on top: no other row names it
-    "registration": Row(set(), {"gymnasium"}),
+    "registration": Row(set(), {"gymnasium"}, lazy_layers={"envs"}),
     "root": Row({"physics", "analysis", "registration"}, set(), lazy_layers={"plots", "rendering"}),
     "report": Row(EVERYTHING | {"report"}, {"numpy", "scipy"}, lazy_packages={"matplotlib", "gymnasium", "control"}),
     "cli": Row(EVERYTHING | {"report"}, set(), lazy_packages={"numpy", "gymnasium"}),

@@ -120,7 +120,7 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     - v0: first version.
     """
 
-    task_class = LaneChange
+    default_task = LaneChange()
 
 
 class BicycleLaneChangeVectorEnv(SingleTrackVectorEnv):

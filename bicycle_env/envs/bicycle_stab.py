@@ -108,7 +108,7 @@ class BicycleStabEnv(SingleTrackEnv):
     - v0: first version.
     """
 
-    task_class = Stabilise
+    default_task = Stabilise()
 
 
 class BicycleStabVectorEnv(SingleTrackVectorEnv):

@@ -14,7 +14,7 @@ from bicycle_env.analysis.linear_model import LinearModel
 from bicycle_env.analysis.stability import Stability
 from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure, resolve_speed
-from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names
+from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names, make_task
 from bicycle_env.envs.told import Told, frozen, tell
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.single_track import Car, car_on_road
@@ -133,7 +133,7 @@ def fleet_of(
     `time_limit`: steps of an episode, None where there is none.
     """
     given = dict(keywords)
-    allowed = [name for name in keyword_names(env_class.task_class) if name not in ONE_CAR]
+    allowed = [name for name in keyword_names(env_class) if name not in ONE_CAR]
     known_keys("keyword", given, allowed, TypeError)
     defaults = inspect.signature(env_class.__init__).parameters
     shared = {
@@ -141,7 +141,7 @@ def fleet_of(
         for name in inspect.signature(configure).parameters
         if name not in ("task", "time_limit")
     }
-    return configure_fleet(env_class.task_class(**given), num_envs, {**shared, "time_limit": time_limit})
+    return configure_fleet(make_task(env_class, given), num_envs, {**shared, "time_limit": time_limit})
 
 
 class ConfiguredFleet(Configured):

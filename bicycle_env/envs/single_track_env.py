@@ -37,13 +37,14 @@ class Snapshot(NamedTuple):
 
 
 class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """Base of the environments; the subclasses name a task and document it."""
+    """Base of the environments; the subclasses have a task and document it."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (declared so by Gymnasium)
         "render_modes": list(RENDER_MODES),
         "render_fps": 50,
     }
-    task_class: ClassVar[type[Task]]
+    default_task: ClassVar[Task]
+    """The task without keywords of its own; these change its fields."""
 
     def __init__(
         self,
@@ -66,7 +67,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         **task_keywords: Any,
     ) -> None:
         configuration = configure(
-            make_task(self.task_class, task_keywords),
+            make_task(type(self), task_keywords),
             vehicle=vehicle,
             tire=tire,
             speed=speed,
@@ -303,15 +304,15 @@ def converted_action(action: Any, shape: tuple[int, ...], steer: str, dtype: Any
     return np.ascontiguousarray(clipped, dtype=dtype)
 
 
-def make_task(task_class: type[Task], keywords: dict[str, Any]) -> Task:
-    """A task from its keywords; TypeError names an unknown one and the nearest allowed."""
-    known_keys("keyword", keywords, keyword_names(task_class), TypeError)
-    return task_class(**keywords)
+def make_task(env_class: type[SingleTrackEnv], keywords: Mapping[str, Any]) -> Task:
+    """An environment's task with keywords of its own; TypeError names an unknown one and the nearest allowed."""
+    known_keys("keyword", keywords, keyword_names(env_class), TypeError)
+    return dataclasses.replace(env_class.default_task, **keywords)  # type: ignore[type-var]
 
 
-def keyword_names(task_class: type[Task]) -> list[str]:
+def keyword_names(env_class: type[SingleTrackEnv]) -> list[str]:
     """All keywords of an environment: its own, then its task's."""
     own = [
         name for name in inspect.signature(SingleTrackEnv.__init__).parameters if name not in ("self", "task_keywords")
     ]
-    return own + list(inspect.signature(task_class).parameters)
+    return own + list(inspect.signature(type(env_class.default_task)).parameters)

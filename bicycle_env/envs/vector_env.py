@@ -89,7 +89,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         **keywords: Any,
     ) -> None:
         own = [name for name in inspect.signature(SingleTrackVectorEnv).parameters if name != "keywords"]
-        shared = [name for name in keyword_names(self.single_class.task_class) if name not in ONE_CAR]
+        shared = [name for name in keyword_names(self.single_class) if name not in ONE_CAR]
         known_keys("keyword", keywords, [*own, *shared], TypeError)
         self.num_envs = whole("num_envs", num_envs)
         mode = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
@@ -105,7 +105,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         )
         if render_mode is not None:
             raise ValueError(f"render_mode must be None for many cars (draw one by gym.make), got {render_mode!r}")
-        steps = self.single_class.task_class.episode_steps if max_episode_steps is None else max_episode_steps
+        steps = self.single_class.default_task.episode_steps if max_episode_steps is None else max_episode_steps
         limit = None if steps == -1 else whole("max_episode_steps", steps, 1, MOST_STEPS[self.dtype])
         self._adopt_fleet(fleet_of(self.single_class, self.num_envs, keywords, limit))
         tell(self, max_episode_steps=limit, end_names=self.configuration.end_names)

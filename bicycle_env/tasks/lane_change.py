@@ -96,10 +96,9 @@ class LaneChange(Task):
                 f"give duration or length of the change, not both; got {self.duration!r} and {self.length!r}"
             )
         checked |= {name: positive(name, getattr(self, name)) for name in ("lane_width", "preview_spacing")}
-        if self.length is None:
-            checked["duration"] = positive("duration", DURATION if self.duration is None else self.duration)
-        else:
-            checked["length"] = positive("length", self.length)
+        for name in ("duration", "length"):
+            if getattr(self, name) is not None:
+                checked[name] = positive(name, getattr(self, name))
         checked["preview_length"] = number("preview_length", self.preview_length, 0.0)
         if self.change_start is not None:
             checked["change_start"] = number("change_start", self.change_start, 0.0, LATEST_START)
@@ -122,7 +121,7 @@ class LaneChange(Task):
         early, late = (0.5, 1.5) if self.change_start is None else (self.change_start, self.change_start)
         return Path(
             lane_width=self.lane_width,
-            change_length=self.length if self.duration is None else speed * self.duration,
+            change_length=speed * (self.duration or DURATION) if self.length is None else self.length,
             direction=DIRECTIONS[self.direction],
             earliest_start=speed * early,
             latest_start=speed * late,

@@ -14,6 +14,7 @@ from bicycle_env.envs.configuration import DEFAULT_SPEED
 from bicycle_env.envs.single_track_env import keyword_names
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.registration import ENVIRONMENTS
+from bicycle_env.tasks.lane_change import DURATION
 
 
 class Documented:
@@ -47,7 +48,8 @@ class Documented:
             if parameter.kind is parameter.KEYWORD_ONLY
         }
         task = {
-            name: parameter.default for name, parameter in inspect.signature(self.cls.task_class).parameters.items()
+            name: parameter.default
+            for name, parameter in inspect.signature(type(self.cls.default_task)).parameters.items()
         }
         return own | task
 
@@ -100,7 +102,7 @@ def documented_default(cell):
 
 def test_the_table_of_arguments_is_the_signature(page):
     table = {row["Keyword"]: documented_default(row["Default"]) for row in page.table("Arguments")}
-    assert list(table) == keyword_names(page.cls.task_class)
+    assert list(table) == keyword_names(page.cls)
     parameters = page.parameters()
     assert set(table) == set(parameters)
     for name, default in table.items():
@@ -285,7 +287,7 @@ def test_the_tolerances_of_the_lane_change(lane_change):
 def test_the_peak_acceleration_of_the_path(lane_change):
     # The second derivative of 10 s^3 - 15 s^4 + 6 s^5 is largest at s = (1 - 1/sqrt 3)/2, where it is 10/sqrt 3.
     env = lane_change.env
-    peak = 10.0 / math.sqrt(3.0) * env.task.lane_width / env.task.duration**2
+    peak = 10.0 / math.sqrt(3.0) * env.task.lane_width / DURATION**2
     lane_change.has(f"peak lateral acceleration is {peak:.0f} m/s^2")
 
 

@@ -59,13 +59,13 @@ BAD = {
 CASES = [
     (env_id, keyword, value, error)
     for env_id in IDS
-    for keyword in keyword_names(env_class(env_id).task_class)
+    for keyword in keyword_names(env_class(env_id))
     for value, error in BAD[keyword]
 ]
 
 
 def test_bad_values_are_listed_for_every_keyword():
-    known = {name for env_id in IDS for name in keyword_names(env_class(env_id).task_class)}
+    known = {name for env_id in IDS for name in keyword_names(env_class(env_id))}
     assert known == set(BAD)
 
 

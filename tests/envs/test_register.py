@@ -1,0 +1,143 @@
+"""A task of one's own, registered from a script: known everywhere, in other processes, too."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+from typing import ClassVar
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from gymnasium.envs.registration import EnvSpec
+
+import bicycle_env
+from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.tasks.stabilise import Stabilise
+
+ID = "Mine/Narrow-v0"
+QUICK = {"tire": "linear", "width": 0.8}
+
+
+@dataclasses.dataclass(frozen=True)
+class Narrow(Stabilise):
+    """The lane of BicycleStab-v0, as narrow as one likes."""
+
+    width: float = 1.0
+
+    name = "narrow"
+    episode_steps = 120
+    ends: ClassVar = ("spun", "left_lane", "turned")
+
+    def rules(self, **shared):
+        return super().rules(**shared)._replace(road_half_width=0.5 * self.width)
+
+    def end(self, xp):
+        usual = xp.function(super().end(xp))
+        width = self.width
+
+        def end(state, reference, world):
+            return xp.where(abs(state.heading) > 0.3 * width, 4, usual(state, reference, world))
+
+        return end
+
+
+@pytest.fixture(autouse=True)
+def registered():
+    bicycle_env.register(ID, Narrow)
+    yield
+    gym.registry.pop(ID, None)
+
+
+def test_one_car_many_and_tensors_are_the_same_task():
+    single, many = gym.make(ID, **QUICK), gym.make_vec(ID, 6, **QUICK, autoreset_mode="Disabled")
+    observation, _ = single.reset(seed=3)
+    observations, _ = many.reset(seed=3)
+    assert single.spec.max_episode_steps == many.unwrapped.max_episode_steps == 120
+    assert single.unwrapped.task == many.unwrapped.task == Narrow(width=0.8)
+    tensors = TorchVectorEnv(ID, 6, **QUICK, autoreset_mode="Disabled")
+    assert tensors.task == Narrow(width=0.8)
+    tensors.reset(seed=0)
+    tensors.set_state(many.unwrapped.state._asdict())
+    words = set()
+    for action in np.random.default_rng(0).uniform(-1.0, 1.0, (60, 2)).astype(np.float32):
+        assert observation.tobytes() == observations[0].tobytes()
+        observation, reward, terminated, _, info = single.step(action)
+        observations, rewards, over, _, infos = many.step(np.tile(action, (6, 1)))
+        _, of_tensors, _, _, _ = tensors.step(torch.from_numpy(np.tile(action, (6, 1))))
+        assert (reward, terminated, info["cost"]) == (rewards[0], over[0], infos["cost"][0])
+        np.testing.assert_allclose(of_tensors.numpy(), rewards, rtol=1e-12, atol=1e-12)
+        words |= {many.unwrapped.end_names[code] for code in infos["end"]}
+        if terminated:
+            break
+    assert words - {""} <= {"spun", "left_lane", "turned"}
+    assert info["end"] in ("left_lane", "turned")
+
+
+def test_a_spec_goes_through_json():
+    env = gym.make(ID, **QUICK)
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert again.unwrapped.task == env.unwrapped.task
+    assert json.loads(env.spec.to_json())["entry_point"].endswith(f"Mine/Narrow-v0 for one of {__name__}")
+
+
+def test_an_object_gives_the_defaults_and_a_new_registration_replaces_the_old():
+    bicycle_env.register(ID, Narrow(width=2.0), max_episode_steps=50)
+    env = gym.make(ID)
+    assert (env.unwrapped.task.width, env.spec.max_episode_steps, env.unwrapped.horizon) == (2.0, 50, 120)
+    assert gym.make(ID, width=1.5).unwrapped.task.width == 1.5
+
+
+def test_its_keywords_have_the_errors_of_the_others():
+    with pytest.raises(TypeError, match="'widht'; did you mean 'width'"):
+        gym.make(ID, widht=1.0)
+    with pytest.raises(ValueError, match="speed must be"):
+        gym.make(ID, speed=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        (("BicycleStab-v0", Narrow), ValueError, "must not be one of this package's own, got 'BicycleStab-v0'"),
+        ((ID, object()), TypeError, "task must be a bicycle_env.tasks.task.Task or a class of them, got <object"),
+        ((ID, Narrow, 0), ValueError, "max_episode_steps must be .*got 0"),
+    ],
+)
+def test_what_cannot_be_registered_changes_nothing(arguments, error, words):
+    with pytest.raises(error, match=words):
+        bicycle_env.register(*arguments)
+    assert gym.spec(ID).max_episode_steps == 120
+    assert gym.make("BicycleStab-v0").unwrapped.task == Stabilise()
+
+
+MODULE = """
+import dataclasses
+import bicycle_env
+from bicycle_env.tasks.stabilise import Stabilise
+
+@dataclasses.dataclass(frozen=True)
+class Short(Stabilise):
+    name = "short"
+    episode_steps = 30
+
+bicycle_env.register("Mine/Short-v0", Short)
+"""
+PROGRAM = """
+import gymnasium as gym
+
+if __name__ == "__main__":
+    alone = gym.make("my_task:Mine/Short-v0", tire="linear")
+    first = alone.reset(seed=1)[0]
+    envs = gym.make_vec("my_task:Mine/Short-v0", 1, "async", {"context": "spawn"}, tire="linear")
+    print((envs.reset(seed=1)[0][0] == first).all())
+    envs.close()
+"""
+
+
+def test_a_spawned_worker_imports_the_tasks_module(tmp_path):
+    (tmp_path / "my_task.py").write_text(MODULE)
+    (tmp_path / "program.py").write_text(PROGRAM)
+    command = [sys.executable, str(tmp_path / "program.py")]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
