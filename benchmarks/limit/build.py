@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -10,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from bicycle_env.tasks.stabilise import Stabilise
 
 SOURCE = Path(__file__).parent / "single_track.c"
 STRICT = ("-O3", "-march=native", "-ffp-contract=off")
@@ -25,6 +28,8 @@ def build_line(tire: str, dtype: str, rows: int, target: str) -> list[str]:
     """The command."""
     real = {"float64": "double", "float32": "float"}[dtype]
     names = [f"-DTIRE_{tire.upper()}", f"-DREAL={real}", f"-DROWS={rows}", *(["-DSINGLE"] if real == "float" else [])]
+    weights = dataclasses.asdict(Stabilise.rewards["default"])  # type: ignore[call-overload]
+    names += [f"-D{name.upper()}={value!r}" for name, value in weights.items() if name != "name"]
     return ["gcc", *flags(tire), "-shared", "-fPIC", *names, str(SOURCE), "-o", target, "-lmvec", "-lm"]
 
 

@@ -5,7 +5,8 @@
    (small angles) uses the package's polynomials for sine and cosine; the saturating tires (exact geometry) call libm,
    which gcc replaces by the vector functions of libmvec. Build lines: benchmarks/limit/build.py.
 
-   -DTIRE_LINEAR | -DTIRE_TANH | -DTIRE_FIALA | -DTIRE_MAGIC_FORMULA, -DREAL=double|float (with float: -DSINGLE), -DROWS=rows a block. */
+   -DTIRE_LINEAR | -DTIRE_TANH | -DTIRE_FIALA | -DTIRE_MAGIC_FORMULA, -DREAL=double|float (with float: -DSINGLE), -DROWS=rows a block,
+   -DLATERAL_WEIGHT=1.0 and so on: the weights of the reward, as constants. */
 
 #include <math.h>
 #include <stdint.h>
@@ -23,8 +24,7 @@ enum {
     SIZE, STEP_LIMIT, SPEED, MASS, INERTIA, A, B, CF, CR, FRONT_PEAK, REAR_PEAK, FRONT_ANGLE, REAR_ANGLE, FRONT_RATE,
     REAR_RATE, FRONT_LAG, REAR_LAG, FRONT_EXTENT, REAR_EXTENT, WIDTH, TIMESTEP, SUBSTEPS, HORIZON, STEERS_FRONT,
     STEERS_REAR, ROAD, SIDESLIP_LIMIT, YAW_LIMIT, HEADING_LIMIT, Y_TOLERANCE, HEADING_TOLERANCE, SIDESLIP_TOLERANCE,
-    YAW_TOLERANCE, Y_WEIGHT, HEADING_WEIGHT, SIDESLIP_WEIGHT, YAW_WEIGHT, EFFORT, SMOOTHNESS, COSTS,
-    PER_SCALE = COSTS + 8 + 4, ENTRIES = 8, BOUND = PER_SCALE + ENTRIES
+    YAW_TOLERANCE, SETTINGS, PER_SCALE = SETTINGS + 4, ENTRIES = 8, BOUND = PER_SCALE + ENTRIES
 };
 
 /* a b + c, rounded once, where the laws say xp.multiply_add. */
@@ -186,14 +186,14 @@ long step(REAL *numbers, const float *actions, const uint64_t *generators, float
             REAL sideslip = v * per_speed;
             REAL df = ADD(-c[FRONT_COMMAND][k], per_front, front[k]);
             REAL dr = ADD(-c[REAR_COMMAND][k], per_rear, rear[k]);
-            REAL total = ADD(w[Y_WEIGHT], y * y, 1.0);
-            total = ADD(w[HEADING_WEIGHT], heading * heading, total);
-            total = ADD(w[SIDESLIP_WEIGHT], sideslip * sideslip, total);
-            total = ADD(w[YAW_WEIGHT], r * r, total);
-            total = ADD(w[EFFORT], front[k] * front[k], total);
-            total = ADD(w[EFFORT], rear[k] * rear[k], total);
-            total = ADD(w[SMOOTHNESS], df * df, total);
-            total = ADD(w[SMOOTHNESS], dr * dr, total);
+            REAL total = ADD((REAL)LATERAL_WEIGHT, y * y, 1.0);
+            total = ADD((REAL)HEADING_WEIGHT, heading * heading, total);
+            total = ADD((REAL)SIDESLIP_WEIGHT, sideslip * sideslip, total);
+            total = ADD((REAL)YAW_RATE_WEIGHT, r * r, total);
+            total = ADD((REAL)EFFORT_WEIGHT, front[k] * front[k], total);
+            total = ADD((REAL)EFFORT_WEIGHT, rear[k] * rear[k], total);
+            total = ADD((REAL)SMOOTHNESS_WEIGHT, df * df, total);
+            total = ADD((REAL)SMOOTHNESS_WEIGHT, dr * dr, total);
             reward[k] = 1.0 / total;
             int settled = (fabs(y) < w[Y_TOLERANCE]) & (fabs(heading) < w[HEADING_TOLERANCE])
                         & (fabs(v) < w[SIDESLIP_TOLERANCE] * w[SPEED]) & (fabs(r) < w[YAW_TOLERANCE]);

@@ -23,6 +23,7 @@ from bicycle_env.physics.compiled import first_bit
 from bicycle_env.physics.single_track import Axles, axles
 from bicycle_env.physics.tires import Linear, Tire
 from bicycle_env.tasks.episode import Reference
+from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.transition import stages
 
 BAD_ACTION = -1
@@ -119,7 +120,7 @@ def _episode(kind: Kind) -> Episode:
 
 
 @functools.cache
-def _step(kind: Kind, tire: Tire, geometry: str, reward: str) -> Any:
+def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
     xp, length, entries, access = kind.xp, kind.length, kind.entries, blocks.access(kind)
     task, block_columns, episode = kind.task, layout(kind).width, _episode(kind)
     block_size, uniforms = block_columns * length, task.uniforms
@@ -366,7 +367,7 @@ def _label(kind: Kind, tire: Tire, geometry: str) -> str:
     )
 
 
-def kernels(kind: Kind, tire: Tire, geometry: str, reward: str) -> Kernels:
+def kernels(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Kernels:
     """Compile the functions of a combination, or load them from the cache on disk."""
 
     def measure(numbers: Any, out: Any) -> None:

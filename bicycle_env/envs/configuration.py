@@ -25,9 +25,10 @@ from bicycle_env.physics.simulate import resolve_geometry
 from bicycle_env.physics.single_track import Car, car_on_road
 from bicycle_env.physics.validation import checked_speed, choice, in_range, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
-from bicycle_env.tasks.checking import check
+from bicycle_env.tasks import rewards
+from bicycle_env.tasks.checking import check, check_reward
 from bicycle_env.tasks.episode import Rules
-from bicycle_env.tasks.rewards import REWARDS
+from bicycle_env.tasks.rewards import Quadratic, Reward
 from bicycle_env.tasks.task import SETTLED_SECONDS, Entry, Task
 
 STEER_MODES = ("front", "rear", "both")
@@ -50,7 +51,7 @@ class Configuration:
     steer: str
     friction: float
     geometry: str
-    reward: str
+    reward: Reward
     horizon: int
     front_actuator: Actuator
     rear_actuator: Actuator
@@ -89,6 +90,12 @@ class Configuration:
         return self.task.end_names
 
     @property
+    def costs(self) -> Quadratic:
+        """What Q and R are made of: the reward's if it is quadratic, else the task's own."""
+        found: Any = self.reward if isinstance(self.reward, Quadratic) else self.task.rewards["quadratic"]
+        return found  # type: ignore[no-any-return]
+
+    @property
     def steps_to_settle(self) -> int:
         """For how many control steps up to the time-out a car must have been settled: then it was a success."""
         return math.ceil(SETTLED_SECONDS / self.control_timestep - 1e-9)
@@ -101,15 +108,16 @@ class Configuration:
         scale = np.array([actuators[k].angle_limit for k in columns])
         a, b = continuous_model(self.vehicle, self.speed, actuators)
         a, b = rk4_map(a, b[:, columns] * scale, self.control_timestep, self.substeps)
+        costs = self.costs
         state_costs = (
-            rules.lateral_cost,
-            rules.heading_cost,
-            rules.lateral_velocity_cost,
-            rules.yaw_rate_cost,
-            rules.front_steer_cost,
-            rules.rear_steer_cost,
+            costs.lateral_cost,
+            costs.heading_cost,
+            costs.lateral_velocity_cost,
+            costs.yaw_rate_cost,
+            costs.front_steer_cost,
+            costs.rear_steer_cost,
         )
-        command_costs = [(rules.front_command_cost, rules.rear_command_cost)[k] for k in columns]
+        command_costs = [(costs.front_command_cost, costs.rear_command_cost)[k] for k in columns]
         names = [("front_steer_command", "rear_steer_command")[k] for k in columns]
         return LinearModel(
             a, b, np.diag(state_costs), np.diag(command_costs), self.control_timestep, STATE_NAMES, tuple(names), scale
@@ -130,7 +138,7 @@ class Configured:
     friction = Told[Any]()
     """An array (num_envs,) where each car has its own."""
     geometry = Told[str]()
-    reward = Told[str]()
+    reward = Told[Reward]()
     horizon = Told[int]()
     """Steps that a failure of the quadratic reward pays for: the time limit, unless given."""
     front_actuator = Told[Actuator]()
@@ -199,7 +207,7 @@ def configure(
     rear_actuator: Actuator | Mapping[str, Any],
     control_timestep: float,
     physics_timestep: float,
-    reward: str,
+    reward: str | Reward | Mapping[str, Any],
     horizon: int | None,
     time_limit: int | None = None,
 ) -> Configuration:
@@ -214,7 +222,8 @@ def configure(
     steer = choice("steer", steer, STEER_MODES)
     friction = in_range("friction", friction)
     geometry = resolve_geometry(geometry, tire)
-    reward = choice("reward", reward, REWARDS)
+    reward = rewards.resolve(reward, task.rewards)
+    check_reward(task, reward)
     horizon = whole("horizon", resolve_horizon(horizon, time_limit, task.episode_steps))
     front_actuator = actuators.resolve("front_actuator", front_actuator)
     rear_actuator = actuators.resolve("rear_actuator", rear_actuator)

@@ -22,6 +22,7 @@ from bicycle_env.physics.compiled import NUMBA
 from bicycle_env.physics.single_track import Car, CarState, axles
 from bicycle_env.physics.tires import Tire
 from bicycle_env.tasks.episode import Memory, Rules, World
+from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
 from bicycle_env.tasks.transition import transition
 
@@ -176,7 +177,7 @@ def _beginning(task: Task) -> tuple[Any, Any]:
 
 
 @functools.cache
-def _stepping(task: Task, tire: Tire, geometry: str, reward: str) -> Any:
+def _stepping(task: Task, tire: Tire, geometry: str, reward: Reward) -> Any:
     access = _access(task)
     step_law = NUMBA.function(transition(NUMBA, task, tire, geometry, reward))
 
@@ -220,7 +221,7 @@ def _label(task: Task, tire: Tire, geometry: str) -> str:
     return f"{task.name} with the {type(tire).__name__} tire, {geometry} geometry"
 
 
-def kernels(task: Task, tire: Tire, geometry: str, reward: str) -> Kernels:
+def kernels(task: Task, tire: Tire, geometry: str, reward: Reward) -> Kernels:
     """Compiled functions, shared by all environments of the same combination in this process."""
 
     def measure(memory: Any, out: Any) -> None:

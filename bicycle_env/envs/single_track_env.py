@@ -22,6 +22,7 @@ from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import FRONT, REAR, Actuator
 from bicycle_env.physics.validation import choice, flag, known_keys
 from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task, checked_state
 
 RENDER_MODES = ("human", "rgb_array")
@@ -60,7 +61,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         rear_actuator: Actuator | Mapping[str, Any] = REAR,
         control_timestep: float = 0.02,
         physics_timestep: float = 0.004,
-        reward: str = "default",
+        reward: str | Reward | Mapping[str, Any] = "default",
         horizon: int | None = None,
         telemetry: bool = False,
         render_mode: str | None = None,
@@ -254,7 +255,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         """Before the first episode: which time limit is around this environment?"""
         limit = limit_around(self)
         configuration, self._limit_asked = self.configuration, True
-        remark(limit, self._given_horizon, configuration.steps_to_settle, self.reward == "quadratic")
+        remark(limit, self._given_horizon, configuration.steps_to_settle, self.reward.uses_horizon)
         horizon = resolve_horizon(self._given_horizon, limit, self.task.episode_steps)
         self._adopt(
             dataclasses.replace(configuration, horizon=horizon, rules=configuration.rules._replace(horizon=horizon))

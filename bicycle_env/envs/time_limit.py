@@ -32,11 +32,11 @@ def resolve_horizon(given: int | None, limit: int | None, task_steps: int) -> in
     return task_steps if limit is None else limit
 
 
-def remark(limit: int | None, horizon: int | None, steps_to_settle: int, quadratic: bool) -> None:
+def remark(limit: int | None, horizon: int | None, steps_to_settle: int, uses_horizon: bool) -> None:
     """Say what is odd about a time limit: another explicit `horizon`, or no time for a success."""
     if limit is None:
         return
-    if quadratic and horizon is not None and horizon != limit:
+    if uses_horizon and horizon is not None and horizon != limit:
         logger.warn(
             f"horizon = {horizon} is not the time limit of {limit} steps: with the quadratic reward a failure pays for "
             f"the steps up to horizon. Without horizon= it is the time limit."

@@ -15,7 +15,6 @@ from bicycle_env.physics.elementary import array_namespace
 from bicycle_env.physics.single_track import Car, CarState, axles
 from bicycle_env.tasks.ends import INVALID_ACTION, RUNNING
 from bicycle_env.tasks.episode import Memory, World
-from bicycle_env.tasks.rewards import failure_cost
 from bicycle_env.tasks.transition import stages
 
 Tensor = Any
@@ -91,11 +90,10 @@ def torch_kernels(
     per_scale = tensor(1.0 / fleet.observation_scale)
     bound = torch.tensor(configuration.observation_bound, device=device)
     times = tensor(task.preview_times).unsqueeze(1)
-    pays_for_failure = configuration.reward == "quadratic"
     begin, advance, finish = stages(xp, task, tire, geometry, configuration.reward)
     start_law, reference_law, cost_law = task.start(xp), task.reference(xp), task.cost(xp)
     observe, preview = task.observe(xp), task.preview(xp)
-    axles_law, failure = axles(xp, tire, geometry), failure_cost(xp)
+    axles_law, forfeit_law = axles(xp, tire, geometry), configuration.reward.forfeit(xp)
 
     def start(uniforms: Tensor) -> Episodes:
         state, route = start_law(uniforms.unbind(), world)
@@ -125,7 +123,7 @@ def torch_kernels(
         memory, reward, end, _ = finish(state, before.memory, pair, stage, world)
         after = Episodes(state, memory, end.to(torch.int8), memory.steps >= step_limit)
         stopped = before._replace(end=INVALID_ACTION, timed_out=False)
-        forfeit = -failure(before.memory.steps, car, rules) if pays_for_failure else 0.0
+        forfeit = forfeit_law(before.memory.steps, car, rules)
         return chosen(finite, after, stopped), reward.where(finite, forfeit)
 
     def look(episodes: Episodes) -> tuple[Tensor, Tensor]:

@@ -123,7 +123,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         env_keywords = {name: as_numbers(torch, name, value) for name, value in env_keywords.items()}
         self._adopt_fleet(registered_fleet(self.spec, self.num_envs, env_keywords, limit))
         tell(self, end_names=self.configuration.end_names)
-        remark(limit, env_keywords.get("horizon"), self.configuration.steps_to_settle, self.reward == "quadratic")
+        remark(limit, env_keywords.get("horizon"), self.configuration.steps_to_settle, self.reward.uses_horizon)
         bound = self.configuration.observation_bound
         self._action_shape = (self.num_envs, self.configuration.axles)
         self.single_observation_space = spaces.Box(-bound, bound, dtype=np.float32)

@@ -26,7 +26,6 @@ from bicycle_env.envs.told import Told, read_only, tell
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.validation import choice, flag, known_keys, whole
 from bicycle_env.tasks.ends import INVALID_ACTION
-from bicycle_env.tasks.rewards import failure_cost
 
 BOOL, INT8 = np.dtype(np.bool_), np.dtype(np.int8)
 MODES = {mode.value: mode for mode in AutoresetMode}
@@ -109,7 +108,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         limit = None if steps == -1 else whole("max_episode_steps", steps, 1, MOST_STEPS[self.dtype])
         self._adopt_fleet(fleet_of(self.single_class, self.num_envs, keywords, limit))
         tell(self, max_episode_steps=limit, end_names=self.configuration.end_names)
-        remark(limit, keywords.get("horizon"), self.configuration.steps_to_settle, self.reward == "quadratic")
+        remark(limit, keywords.get("horizon"), self.configuration.steps_to_settle, self.reward.uses_horizon)
 
         bound = self.configuration.observation_bound
         self.single_observation_space = spaces.Box(-bound, bound, dtype=np.float32)
@@ -354,11 +353,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     def _forfeit(self, rows: Any) -> Any:
         """What an invalid action costs: with the quadratic reward, all steps that are left at the worst."""
-        if self.reward != "quadratic":
-            return 0.0
-        steps = self._rows.column("steps")
-        cost = failure_cost(NUMPY)(steps, self.fleet.car, self.rules)
-        return -np.broadcast_to(cost, self.num_envs)[rows]
+        reward = self.reward.forfeit(NUMPY)(self._rows.column("steps"), self.fleet.car, self.rules)
+        return np.broadcast_to(reward, self.num_envs)[rows]
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions and threads stay in their process: all are made anew.

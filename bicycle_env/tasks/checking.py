@@ -6,7 +6,6 @@ vector environment alone, is one line here, which names the task and the law.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -18,6 +17,7 @@ from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.presets import vehicles
 from bicycle_env.physics.single_track import CarState, car_on_road
 from bicycle_env.tasks.episode import Memory, Reference, World
+from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
 
 SPEED, CONTROL_TIMESTEP, SUBSTEPS = 30.0, 0.02, 5
@@ -33,13 +33,20 @@ PLACES = (
 def check(task: Task) -> None:
     """Refuse a task that the environments or the analysis would contradict: ValueError or TypeError names its law."""
     name = type(task).__name__
-    if not (dataclasses.is_dataclass(task) and type(task).__dataclass_params__.frozen):
+    if not _is_frozen(task):
         raise TypeError(f"task {name} must be a frozen dataclass: write @dataclasses.dataclass(frozen=True) above it")
     fields = (*CarState._fields, *COMMANDS, "time", *task.Route._fields)
     if task.State._fields != fields:
         raise ValueError(f"task {name}: State must have the fields {', '.join(fields)}, got {task.State._fields}")
     if not set(task.flipped or ()) <= set(task.Route._fields):
         raise ValueError(f"task {name}: flipped must be names of Route, {task.Route._fields}, got {task.flipped}")
+    for reward in ("default", "quadratic"):
+        if not isinstance(task.rewards.get(reward), Reward):
+            raise ValueError(f"task {name}: rewards must hold a Reward for {reward!r}, got {task.rewards!r}")
+    _check_laws(task, name, _world(task))
+
+
+def _world(task: Task) -> World:
     rules = task.rules(
         control_timestep=CONTROL_TIMESTEP,
         substeps=SUBSTEPS,
@@ -47,8 +54,39 @@ def check(task: Task) -> None:
         steers_front=1.0,
         steers_rear=1.0,
     )
-    world = World(car_on_road(vehicles["me303"], SPEED, 1.0, FRONT, REAR), rules, task.settings(SPEED))
-    _check_laws(task, name, world)
+    return World(car_on_road(vehicles["me303"], SPEED, 1.0, FRONT, REAR), rules, task.settings(SPEED))
+
+
+@functools.cache
+def check_reward(task: Task, reward: Reward) -> None:
+    """Refuse a reward that fails for a task: ValueError or TypeError names its law."""
+    name, world = type(reward).__name__, _world(task)
+    if not _is_frozen(reward):
+        raise TypeError(f"reward {name} must be a frozen dataclass: write @dataclasses.dataclass(frozen=True) above it")
+    law = _tried(f"reward {name}: its law 'law'", reward.law(NUMPY))
+    before_law = reward.before(NUMPY)
+    before = None if before_law is None else _tried(f"reward {name}: its law 'before'", before_law)
+    reference, way = task.reference(NUMPY), task.start(NUMPY)(np.full((task.uniforms, 2), 0.5), world)[1]
+    for place in PLACES:
+        zero = 0.0 * place.heading
+        found = []
+        for side in (1.0, -1.0) if task.flipped is not None else (1.0,):
+            here, route = _mirrored(place, side, CarState._fields[1:]), _mirrored(way, side, task.flipped or ())
+            action, memory = (side * (zero + 0.3),) * 2, Memory(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, route)
+            wanted = reference(here, route, world)
+            given = 0.0 * zero if before is None else before(here, wanted, action, world)
+            found += [law(here, wanted, action, memory, given, code, world) for code in (0 * zero, 0 * zero + 1)]
+        if task.flipped is not None and not np.array_equal(found[:2], found[2:]):
+            raise ValueError(
+                f"reward {name}: it is another one for the mirror image, {found[2:]} instead of {found[:2]}"
+            )
+    steps = _tried(f"reward {name}: its law 'forfeit'", reward.forfeit(NUMPY))
+    steps(np.array([0.0, 100.0]), world.car, world.rules)
+
+
+def _is_frozen(value: Any) -> bool:
+    parameters = getattr(type(value), "__dataclass_params__", None)
+    return parameters is not None and bool(parameters.frozen)
 
 
 def _check_laws(task: Task, name: str, world: World) -> None:

@@ -41,7 +41,7 @@ class Rules(NamedTuple):
     control_timestep: Any
     substeps: Any
     horizon: Any
-    """Control steps that a failure of the quadratic reward pays for."""
+    """Control steps up to which a failure pays, where the reward says so."""
     steers_front: Any
     """1 where the action steers the front axle, else 0."""
     steers_rear: Any
@@ -54,20 +54,6 @@ class Rules(NamedTuple):
     heading_tolerance: Any
     sideslip_tolerance: Any
     yaw_rate_tolerance: Any
-    lateral_weight: Any
-    heading_weight: Any
-    sideslip_weight: Any
-    yaw_rate_weight: Any
-    effort_weight: Any
-    smoothness_weight: Any
-    lateral_cost: Any
-    heading_cost: Any
-    lateral_velocity_cost: Any
-    yaw_rate_cost: Any
-    front_steer_cost: Any
-    rear_steer_cost: Any
-    front_command_cost: Any
-    rear_command_cost: Any
 
 
 class World(NamedTuple):

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, number, positive
+from bicycle_env.tasks import rewards
 from bicycle_env.tasks.episode import Memory, Reference, Rules, World
 from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car
 
@@ -73,6 +74,19 @@ class LaneChange(Task):
     State = LaneChangeState
     uniforms = 4
     ends = ("spun", "left_road")
+    rewards = {  # noqa: RUF012 (a constant)
+        "default": rewards.Bounded(
+            lateral_weight=4.0,
+            heading_weight=20.0,
+            sideslip_weight=20.0,
+            yaw_rate_weight=0.0,
+            effort_weight=0.1,
+            smoothness_weight=0.2,
+        ),
+        "quadratic": rewards.Quadratic(
+            lateral_cost=1.0, heading_cost=10.0, yaw_rate_cost=1.0, front_command_cost=0.1, rear_command_cost=0.1
+        ),
+    }
     flipped = ("direction",)
     options = {"direction": SIDES, "change_start": (0.0, LATEST_START)}  # noqa: RUF012 (a constant)
 
@@ -136,20 +150,6 @@ class LaneChange(Task):
             **SPUN,
             lateral_tolerance=0.3,
             **STRAIGHT,
-            lateral_weight=4.0,
-            heading_weight=20.0,
-            sideslip_weight=20.0,
-            yaw_rate_weight=0.0,
-            effort_weight=0.1,
-            smoothness_weight=0.2,
-            lateral_cost=1.0,
-            heading_cost=10.0,
-            lateral_velocity_cost=0.0,
-            yaw_rate_cost=1.0,
-            front_steer_cost=0.0,
-            rear_steer_cost=0.0,
-            front_command_cost=0.1,
-            rear_command_cost=0.1,
         )
 
     def start(self, xp: Any) -> Any:

@@ -1,17 +1,52 @@
-"""The two rewards that every task has."""
+"""Rewards: frozen objects, like tires. A task has two of its own, and a user may write another.
+
+To write one, derive a frozen dataclass from :class:`Reward` and give it to an environment: ``reward=Mine(weight=2.0)``.
+Its numbers are constants of the compiled code: other numbers are compiled anew.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import abc
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 from bicycle_env.physics.single_track import Car, CarState
+from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number, positive
 from bicycle_env.tasks.episode import Memory, Reference, World
 
-REWARDS = ("default", "quadratic")
+Law = Callable[..., Any]
 
 
-def plus_square(xp: Any) -> Callable[[Any, Any, Any], Any]:
+class Reward(abc.ABC):
+    """Base of the rewards: frozen, hashable, compared by value."""
+
+    uses_horizon: ClassVar[bool] = False
+    """Whether a failure pays for the steps up to ``world.rules.horizon``."""
+
+    @abc.abstractmethod
+    def law(self, xp: Any) -> Law:
+        """``law(state, reference, action, memory, before, end, world) -> reward`` of a control step.
+
+        ``state`` and ``reference`` are those after the step, ``memory`` is as it was before it (the last commands, the
+        steps done), ``action`` is the pair (front, rear) in [-1, 1], ``before`` what :meth:`before` gave, ``end`` the
+        end code. Written in the namespace xp, without ``if`` on data.
+        """
+
+    def before(self, xp: Any) -> Law | None:
+        """``before(state, reference, action, world)``: a number from before the step; None where none is needed."""
+        return None
+
+    def forfeit(self, xp: Any) -> Law:
+        """``forfeit(steps, car, rules)``: of a step whose action was not finite, where many cars go on; 0."""
+
+        def nothing(steps: Any, car: Car, rules: Any) -> Any:
+            return 0.0 * steps
+
+        return nothing
+
+
+def plus_square(xp: Any) -> Law:
     """``plus_square(total, weight, value)``: total + weight x value^2, the one step of every sum here."""
 
     def plus_square(total: Any, weight: Any, value: Any) -> Any:
@@ -20,86 +55,178 @@ def plus_square(xp: Any) -> Callable[[Any, Any, Any], Any]:
     return plus_square
 
 
-def bounded_reward(xp: Any) -> Callable[..., Any]:
+def _not_negative(name: str, value: object) -> float:
+    return number(name, value, 0.0)
+
+
+def _check_weights(reward: Any, above_zero: tuple[str, ...] = ()) -> None:
+    for field in dataclasses.fields(reward):
+        if field.init:
+            check = positive if field.name in above_zero else _not_negative
+            object.__setattr__(reward, field.name, check(field.name, getattr(reward, field.name)))
+
+
+@explain_keywords
+@dataclasses.dataclass(frozen=True)
+class Bounded(Reward):
     """1 / (1 + c) in (0, 1], c a weighted sum of squares: regulation of the new state, effort, smoothness.
 
     Effort is the squared action, smoothness the squared change of the action since the last step; both per axle.
+    Weights are numbers >= 0, per m^2, rad^2 and (rad/s)^2.
     """
-    plus = xp.function(plus_square(xp))
 
-    def bounded_reward(
-        state: CarState, reference: Reference, action: tuple[Any, Any], memory: Memory, world: World
-    ) -> Any:
-        rules, car = world.rules, world.car
-        lateral = state.lateral_position - reference.lateral_position
-        heading = state.heading - reference.heading
-        # Reciprocals of what stays the same during an episode: the compiler moves them out of a loop over cars.
-        per_speed, per_front, per_rear = 1.0 / car.speed, 1.0 / car.front_angle_limit, 1.0 / car.rear_angle_limit
-        sideslip = state.lateral_velocity * per_speed
-        front, rear = action
-        front_change = xp.multiply_add(-memory.front_steer_command, per_front, front)
-        rear_change = xp.multiply_add(-memory.rear_steer_command, per_rear, rear)
-        total = plus(1.0, rules.lateral_weight, lateral)
-        total = plus(total, rules.heading_weight, heading)
-        total = plus(total, rules.sideslip_weight, sideslip)
-        total = plus(total, rules.yaw_rate_weight, state.yaw_rate)
-        total = plus(total, rules.effort_weight, front)
-        total = plus(total, rules.effort_weight, rear)
-        total = plus(total, rules.smoothness_weight, front_change)
-        total = plus(total, rules.smoothness_weight, rear_change)
-        return 1.0 / total
+    name: str = dataclasses.field(default="bounded", init=False, repr=False, compare=False)
+    lateral_weight: float = 0.0
+    heading_weight: float = 0.0
+    sideslip_weight: float = 0.0
+    yaw_rate_weight: float = 0.0
+    effort_weight: float = 0.0
+    smoothness_weight: float = 0.0
 
-    return bounded_reward
+    def __post_init__(self) -> None:
+        _check_weights(self)
 
+    def law(self, xp: Any) -> Law:
+        plus = xp.function(plus_square(xp))
+        lateral_weight, heading_weight = self.lateral_weight, self.heading_weight
+        sideslip_weight, yaw_rate_weight = self.sideslip_weight, self.yaw_rate_weight
+        effort_weight, smoothness_weight = self.effort_weight, self.smoothness_weight
 
-def quadratic_reward(xp: Any) -> Callable[..., Any]:
-    """-(x'Qx + u'Ru), diagonal Q and R, from the state before the step, its reference there, and the action."""
-    plus = xp.function(plus_square(xp))
+        def bounded_reward(
+            state: CarState, reference: Reference, action: Any, memory: Memory, before: Any, end: Any, world: World
+        ) -> Any:
+            car = world.car
+            lateral = state.lateral_position - reference.lateral_position
+            heading = state.heading - reference.heading
+            # Reciprocals of what stays the same in an episode: the compiler moves them out of a loop over cars.
+            per_speed, per_front, per_rear = 1.0 / car.speed, 1.0 / car.front_angle_limit, 1.0 / car.rear_angle_limit
+            sideslip = state.lateral_velocity * per_speed
+            front, rear = action
+            front_change = xp.multiply_add(-memory.front_steer_command, per_front, front)
+            rear_change = xp.multiply_add(-memory.rear_steer_command, per_rear, rear)
+            total = plus(1.0, lateral_weight, lateral)
+            total = plus(total, heading_weight, heading)
+            total = plus(total, sideslip_weight, sideslip)
+            total = plus(total, yaw_rate_weight, state.yaw_rate)
+            total = plus(total, effort_weight, front)
+            total = plus(total, effort_weight, rear)
+            total = plus(total, smoothness_weight, front_change)
+            total = plus(total, smoothness_weight, rear_change)
+            return 1.0 / total
 
-    def quadratic_reward(state: CarState, reference: Reference, action: tuple[Any, Any], world: World) -> Any:
-        rules = world.rules
-        lateral = state.lateral_position - reference.lateral_position
-        heading = state.heading - reference.heading
-        front, rear = action
-        total = plus(0.0, rules.lateral_cost, lateral)
-        total = plus(total, rules.heading_cost, heading)
-        total = plus(total, rules.lateral_velocity_cost, state.lateral_velocity)
-        total = plus(total, rules.yaw_rate_cost, state.yaw_rate)
-        total = plus(total, rules.front_steer_cost, state.front_steer)
-        total = plus(total, rules.rear_steer_cost, state.rear_steer)
-        total = plus(total, rules.front_command_cost, front)
-        return -plus(total, rules.rear_command_cost, rear)
-
-    return quadratic_reward
+        return bounded_reward
 
 
-def worst_stage_cost(xp: Any) -> Callable[[Car, Any], Any]:
-    """The largest x'Qx + u'Ru of any state in which an episode is still running.
+@explain_keywords
+@dataclasses.dataclass(frozen=True)
+class Quadratic(Reward):
+    """-(x'Qx + u'Ru), diagonal Q and R, from the state before the step, its reference there, and the action.
 
-    The lateral error is at most the width of the corridor plus half a body: the reference, too, lies within it.
+    x is the lateral and the heading error, lateral velocity, yaw rate and both steers, u the actions. A failure also
+    pays, for every step up to the horizon, the largest x'Qx + u'Ru of any state in which an episode is still running:
+    to fail never pays. Costs are numbers >= 0, those of the commands > 0.
     """
-    plus = xp.function(plus_square(xp))
 
-    def worst_stage_cost(car: Car, rules: Any) -> Any:
-        total = plus(
-            rules.front_command_cost + rules.rear_command_cost,  # actions of 1
-            rules.lateral_cost,
-            xp.multiply_add(0.5, car.body_width, 2.0 * rules.road_half_width),
+    uses_horizon: ClassVar[bool] = True
+    name: str = dataclasses.field(default="quadratic", init=False, repr=False, compare=False)
+    lateral_cost: float = 0.0
+    heading_cost: float = 0.0
+    lateral_velocity_cost: float = 0.0
+    yaw_rate_cost: float = 0.0
+    front_steer_cost: float = 0.0
+    rear_steer_cost: float = 0.0
+    front_command_cost: float = 0.1
+    rear_command_cost: float = 0.1
+
+    def __post_init__(self) -> None:
+        _check_weights(self, ("front_command_cost", "rear_command_cost"))
+
+    def before(self, xp: Any) -> Law:
+        plus = xp.function(plus_square(xp))
+        lateral_cost, heading_cost = self.lateral_cost, self.heading_cost
+        lateral_velocity_cost, yaw_rate_cost = self.lateral_velocity_cost, self.yaw_rate_cost
+        front_steer_cost, rear_steer_cost = self.front_steer_cost, self.rear_steer_cost
+        front_command_cost, rear_command_cost = self.front_command_cost, self.rear_command_cost
+
+        def stage_reward(state: CarState, reference: Reference, action: Any, world: World) -> Any:
+            lateral = state.lateral_position - reference.lateral_position
+            heading = state.heading - reference.heading
+            front, rear = action
+            total = plus(0.0, lateral_cost, lateral)
+            total = plus(total, heading_cost, heading)
+            total = plus(total, lateral_velocity_cost, state.lateral_velocity)
+            total = plus(total, yaw_rate_cost, state.yaw_rate)
+            total = plus(total, front_steer_cost, state.front_steer)
+            total = plus(total, rear_steer_cost, state.rear_steer)
+            total = plus(total, front_command_cost, front)
+            return -plus(total, rear_command_cost, rear)
+
+        return stage_reward
+
+    def law(self, xp: Any) -> Law:
+        forfeit = xp.function(self.forfeit(xp))
+
+        def quadratic_reward(
+            state: CarState, reference: Reference, action: Any, memory: Memory, before: Any, end: Any, world: World
+        ) -> Any:
+            return before + xp.where(end > 0, forfeit(memory.steps + 1.0, world.car, world.rules), 0.0)
+
+        return quadratic_reward
+
+    def forfeit(self, xp: Any) -> Law:
+        worst = xp.function(self.worst_stage_cost(xp))
+
+        def forfeit(steps: Any, car: Car, rules: Any) -> Any:
+            return -(xp.maximum(rules.horizon - steps, 0.0) * worst(car, rules))
+
+        return forfeit
+
+    def worst_stage_cost(self, xp: Any) -> Law:
+        """``worst(car, rules)``: the largest x'Qx + u'Ru of any state in which an episode is still running.
+
+        The lateral error is at most the width of the corridor plus half a body: the reference, too, lies within it.
+        """
+        plus = xp.function(plus_square(xp))
+        lateral_cost, heading_cost = self.lateral_cost, self.heading_cost
+        lateral_velocity_cost, yaw_rate_cost = self.lateral_velocity_cost, self.yaw_rate_cost
+        front_steer_cost, rear_steer_cost = self.front_steer_cost, self.rear_steer_cost
+        front_command_cost, rear_command_cost = self.front_command_cost, self.rear_command_cost
+
+        def worst_stage_cost(car: Car, rules: Any) -> Any:
+            reach = xp.multiply_add(0.5, car.body_width, 2.0 * rules.road_half_width)
+            total = plus(front_command_cost + rear_command_cost, lateral_cost, reach)  # actions of 1
+            total = plus(total, heading_cost, 2.0 * rules.heading_limit)
+            total = plus(total, lateral_velocity_cost, rules.sideslip_limit * car.speed)
+            total = plus(total, yaw_rate_cost, rules.yaw_rate_limit)
+            total = plus(total, front_steer_cost, car.front_angle_limit)
+            return plus(total, rear_steer_cost, car.rear_angle_limit)
+
+        return worst_stage_cost
+
+
+LAWS: dict[str, type[Reward]] = {"bounded": Bounded, "quadratic": Quadratic}
+"""The laws that have a plain form."""
+
+
+def resolve(reward: str | Reward | Mapping[str, Any], own: Mapping[str, Reward]) -> Reward:
+    """A reward from a name among a task's own, from its plain form, or from itself.
+
+    The plain form is what ``dataclasses.asdict`` makes: ``{"name": "bounded", "lateral_weight": 1.0, ...}``.
+
+    Raises:
+        ValueError: an unknown name or field, with the nearest known one; a bad value.
+        TypeError: none of the three; a value of the wrong type.
+    """
+    if isinstance(reward, Reward):
+        return reward
+    if isinstance(reward, str):
+        return own[choice("reward", reward, own)]
+    if not isinstance(reward, Mapping):
+        raise TypeError(f"reward must be one of {', '.join(map(repr, own))}, a Reward object or a dict, got {reward!r}")
+    if "name" not in reward:
+        raise ValueError(
+            f"reward: a dict must have a 'name', one of {', '.join(map(repr, LAWS))}, got {dict(reward)!r}; a reward "
+            "of one's own has no plain form: pass the object"
         )
-        total = plus(total, rules.heading_cost, 2.0 * rules.heading_limit)
-        total = plus(total, rules.lateral_velocity_cost, rules.sideslip_limit * car.speed)
-        total = plus(total, rules.yaw_rate_cost, rules.yaw_rate_limit)
-        total = plus(total, rules.front_steer_cost, car.front_angle_limit)
-        return plus(total, rules.rear_steer_cost, car.rear_angle_limit)
-
-    return worst_stage_cost
-
-
-def failure_cost(xp: Any) -> Callable[[Any, Car, Any], Any]:
-    """What an early end after a number of steps costs: the worst stage cost for every step that is left."""
-    worst = xp.function(worst_stage_cost(xp))
-
-    def failure_cost(steps: Any, car: Car, rules: Any) -> Any:
-        return xp.maximum(rules.horizon - steps, 0.0) * worst(car, rules)
-
-    return failure_cost
+    name = choice("reward: name", reward["name"], LAWS)
+    return from_fields(f"reward {name!r}", LAWS[name], {key: reward[key] for key in reward if key != "name"})

@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from bicycle_env.physics.single_track import CarState
+from bicycle_env.tasks import rewards
 from bicycle_env.tasks.episode import Memory, Reference, Rules, World
 from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car
 
@@ -52,6 +53,19 @@ class Stabilise(Task):
     State = StabiliseState
     uniforms = 4
     ends = ("spun", "left_lane")
+    rewards = {  # noqa: RUF012 (a constant)
+        "default": rewards.Bounded(
+            lateral_weight=1.0,
+            heading_weight=20.0,
+            sideslip_weight=20.0,
+            yaw_rate_weight=2.0,
+            effort_weight=0.2,
+            smoothness_weight=0.2,
+        ),
+        "quadratic": rewards.Quadratic(
+            lateral_cost=0.25, heading_cost=10.0, yaw_rate_cost=4.0, front_command_cost=0.1, rear_command_cost=0.1
+        ),
+    }
 
     def settings(self, speed: float) -> StartBox:
         return StartBox(lateral_position=0.3, course=0.01, sideslip=0.3, yaw_rate=0.8)
@@ -63,20 +77,6 @@ class Stabilise(Task):
             **SPUN,
             lateral_tolerance=0.5,
             **STRAIGHT,
-            lateral_weight=1.0,
-            heading_weight=20.0,
-            sideslip_weight=20.0,
-            yaw_rate_weight=2.0,
-            effort_weight=0.2,
-            smoothness_weight=0.2,
-            lateral_cost=0.25,
-            heading_cost=10.0,
-            lateral_velocity_cost=0.0,
-            yaw_rate_cost=4.0,
-            front_steer_cost=0.0,
-            rear_steer_cost=0.0,
-            front_command_cost=0.1,
-            rear_command_cost=0.1,
         )
 
     def start(self, xp: Any) -> Any:

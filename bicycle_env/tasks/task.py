@@ -16,6 +16,7 @@ from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, known_keys, number
 from bicycle_env.tasks.ends import corner_outside, end_code, settled
 from bicycle_env.tasks.episode import Memory, Rules, World
+from bicycle_env.tasks.rewards import Reward
 
 
 class Entry(NamedTuple):
@@ -69,6 +70,9 @@ class Task(abc.ABC):
     options: ClassVar[Mapping[str, Allowed]] = {}
     """Reset options of the task beside ``state``."""
 
+    rewards: ClassVar[Mapping[str, Reward]]
+    """By the names that ``reward=`` takes: "default" and "quadratic"; the latter is also the cost that controllers get
+    for a task without tuned weights."""
     flipped: ClassVar[tuple[str, ...] | None] = ()
     """Names in ``Route`` that change sign in the mirror image; None for a task that has no mirror image."""
 

@@ -9,7 +9,7 @@ from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import CarState, actuated_single_track
 from bicycle_env.physics.tires import Tire
 from bicycle_env.tasks.episode import Memory, World
-from bicycle_env.tasks.rewards import bounded_reward, failure_cost, quadratic_reward
+from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
 
 Law = Callable[..., Any]
@@ -30,25 +30,29 @@ class Stages(NamedTuple):
     """``finish(state, memory, action, stage, world) -> (memory, reward, end, cost)``."""
 
 
-def stages(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Stages:
+def stages(xp: Any, task: Task, tire: Tire, geometry: str, reward: Reward) -> Stages:
     """The parts of :func:`transition`."""
     substep = xp.function(rk4(xp, actuated_single_track(xp, tire, geometry)))
     reference_law = xp.function(task.reference(xp))
     end_law = xp.function(task.end(xp))
     success_law = xp.function(task.success(xp))
     cost_law = xp.function(task.cost(xp))
-    bounded = xp.function(bounded_reward(xp))
-    quadratic = xp.function(quadratic_reward(xp))
-    failure_law = xp.function(failure_cost(xp))
-    is_quadratic = reward == "quadratic"
+    reward_law, before_law = xp.function(reward.law(xp)), reward.before(xp)
+    if before_law is None:
+
+        def before(state: CarState, memory: Memory, action: tuple[Any, Any], world: World) -> Any:
+            return 0.0 * action[0]
+    else:
+        given_law = xp.function(before_law)
+
+        def before(state: CarState, memory: Memory, action: tuple[Any, Any], world: World) -> Any:
+            return given_law(state, reference_law(state, memory.route, world), action, world)
+
+    before = xp.function(before)
 
     def begin(state: CarState, memory: Memory, action: tuple[Any, Any], world: World) -> tuple[tuple[Any, Any], Any]:
         command = (action[0] * world.car.front_angle_limit, action[1] * world.car.rear_angle_limit)
-        if is_quadratic:
-            stage = quadratic(state, reference_law(state, memory.route, world), action, world)
-        else:
-            stage = 0.0 * action[0]
-        return command, stage
+        return command, before(state, memory, action, world)
 
     def advance(state: CarState, command: tuple[Any, Any], world: World) -> CarState:
         physics_timestep = world.rules.control_timestep / world.rules.substeps
@@ -58,19 +62,15 @@ def stages(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Stage
     def finish(
         state: CarState, memory: Memory, action: tuple[Any, Any], stage: Any, world: World
     ) -> tuple[Memory, Any, Any, Any]:
-        car, rules = world.car, world.rules
+        car = world.car
         reference = reference_law(state, memory.route, world)
         end = end_law(state, reference, world)
         cost = cost_law(state, reference, world)
-        steps = memory.steps + 1.0
-        if is_quadratic:
-            gained = stage - xp.where(end > 0, failure_law(steps, car, rules), 0.0)
-        else:
-            gained = bounded(state, reference, action, memory, world)
+        gained = reward_law(state, reference, action, memory, stage, end, world)
         remembered = Memory(
             action[0] * car.front_angle_limit,
             action[1] * car.rear_angle_limit,
-            steps,
+            memory.steps + 1.0,
             xp.where(success_law(state, reference, world), memory.settled_steps + 1.0, 0.0),
             memory.route,
         )
@@ -79,7 +79,7 @@ def stages(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Stage
     return Stages(begin, advance, finish)
 
 
-def transition(xp: Any, task: Task, tire: Tire, geometry: str, reward: str) -> Law:
+def transition(xp: Any, task: Task, tire: Tire, geometry: str, reward: Reward) -> Law:
     """``step(state, memory, action, world, substeps) -> (state, memory, reward, end, cost)``: a control step.
 
     `substeps` is a whole number; see :class:`Stages` for the rest.

@@ -200,7 +200,7 @@ def test_the_table_of_actions(page):
 
 
 def test_the_default_reward_of_stab(stab):
-    rules = stab.env.rules
+    rules = stab.env.reward
     stab.has(
         f"c = {rules.lateral_weight} y^2 + {rules.heading_weight} psi^2 + {rules.sideslip_weight} beta^2 + "
         f"{rules.yaw_rate_weight} r^2 + {rules.effort_weight} |u|^2 + {rules.smoothness_weight} |du|^2"
@@ -208,7 +208,7 @@ def test_the_default_reward_of_stab(stab):
 
 
 def test_the_default_reward_of_the_lane_change(lane_change):
-    rules = lane_change.env.rules
+    rules = lane_change.env.reward
     lane_change.has(
         f"c = {rules.lateral_weight} e_y^2 + {rules.heading_weight} e_psi^2 + {rules.sideslip_weight} beta^2 + "
         f"{rules.yaw_rate_weight} r^2 + {rules.effort_weight} |u|^2 + {rules.smoothness_weight} |du|^2"
@@ -216,7 +216,7 @@ def test_the_default_reward_of_the_lane_change(lane_change):
 
 
 def test_the_quadratic_reward(page):
-    rules, model = page.env.rules, page.env.linear_model()
+    rules, model = page.env.configuration.costs, page.env.linear_model()
     costs = (
         rules.lateral_cost,
         rules.heading_cost,

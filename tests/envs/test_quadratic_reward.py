@@ -12,34 +12,34 @@ IDS = [row.id for row in ENVIRONMENTS]
 
 def worst(env):
     """By hand: the largest stage cost of a running episode."""
-    rules = env.rules
+    rules, costs = env.rules, env.configuration.costs
     half_body = 0.5 * env.vehicle.body_width
     return (
-        rules.lateral_cost * (2.0 * rules.road_half_width + half_body) ** 2
-        + rules.heading_cost * (2.0 * rules.heading_limit) ** 2
-        + rules.lateral_velocity_cost * (rules.sideslip_limit * env.speed) ** 2
-        + rules.yaw_rate_cost * rules.yaw_rate_limit**2
-        + rules.front_steer_cost * env.front_actuator.angle_limit**2
-        + rules.rear_steer_cost * env.rear_actuator.angle_limit**2
-        + rules.front_command_cost
-        + rules.rear_command_cost
+        costs.lateral_cost * (2.0 * rules.road_half_width + half_body) ** 2
+        + costs.heading_cost * (2.0 * rules.heading_limit) ** 2
+        + costs.lateral_velocity_cost * (rules.sideslip_limit * env.speed) ** 2
+        + costs.yaw_rate_cost * rules.yaw_rate_limit**2
+        + costs.front_steer_cost * env.front_actuator.angle_limit**2
+        + costs.rear_steer_cost * env.rear_actuator.angle_limit**2
+        + costs.front_command_cost
+        + costs.rear_command_cost
     )
 
 
 def episode(env, plant, seed, act):
     """(return, steps, end) and the sum of the running costs computed here, from the telemetry and the state."""
     observation, info = env.reset(seed=seed)
-    rules = plant.rules
+    costs = plant.configuration.costs
     total, running, steps, over = 0.0, 0.0, 0, False
     while not over:
         state = plant.state
         action = np.clip(act(observation), -1.0, 1.0)
         running += (
-            rules.lateral_cost * info["lateral_error"] ** 2
-            + rules.heading_cost * info["heading_error"] ** 2
-            + rules.yaw_rate_cost * state.yaw_rate**2
-            + rules.front_command_cost * float(action[0]) ** 2
-            + rules.rear_command_cost * float(action[1]) ** 2
+            costs.lateral_cost * info["lateral_error"] ** 2
+            + costs.heading_cost * info["heading_error"] ** 2
+            + costs.yaw_rate_cost * state.yaw_rate**2
+            + costs.front_command_cost * float(action[0]) ** 2
+            + costs.rear_command_cost * float(action[1]) ** 2
         )
         observation, reward, terminated, truncated, info = env.step(action)
         total += reward
@@ -147,7 +147,7 @@ def test_the_horizon_decides_what_a_failure_costs():
         _, rewards[horizon], terminated, _, _ = env.step(np.zeros(2))
         assert terminated
     env = gym.make("BicycleStab-v0").unwrapped
-    running = -env.rules.yaw_rate_cost * 2.5**2
+    running = -env.configuration.costs.yaw_rate_cost * 2.5**2
     assert rewards[1] == pytest.approx(running, rel=1e-14)
     assert rewards[2] == pytest.approx(running - worst(env), rel=1e-14)
     assert rewards[3] == pytest.approx(running - 2 * worst(env), rel=1e-14)
@@ -163,7 +163,7 @@ def test_the_horizon_decides_what_a_failure_costs():
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_default_reward_by_hand(env_id):
     env = gym.make(env_id, telemetry=True)
-    plant, rules = env.unwrapped, env.unwrapped.rules
+    plant, weights = env.unwrapped, env.unwrapped.reward
     rng = np.random.default_rng(6)
     env.reset(seed=1)
     last = np.zeros(2)
@@ -173,12 +173,12 @@ def test_the_default_reward_by_hand(env_id):
         _, reward, terminated, _, info = env.step(action)
         action = np.clip(action, -1.0, 1.0)
         c = (
-            rules.lateral_weight * info["lateral_error"] ** 2
-            + rules.heading_weight * info["heading_error"] ** 2
-            + rules.sideslip_weight * info["sideslip"] ** 2
-            + rules.yaw_rate_weight * plant.state.yaw_rate**2
-            + rules.effort_weight * float(action @ action)
-            + rules.smoothness_weight * float((action - last) @ (action - last))
+            weights.lateral_weight * info["lateral_error"] ** 2
+            + weights.heading_weight * info["heading_error"] ** 2
+            + weights.sideslip_weight * info["sideslip"] ** 2
+            + weights.yaw_rate_weight * plant.state.yaw_rate**2
+            + weights.effort_weight * float(action @ action)
+            + weights.smoothness_weight * float((action - last) @ (action - last))
         )
         assert reward == pytest.approx(1.0 / (1.0 + c), rel=1e-12)
         assert 0.0 < reward <= 1.0
