@@ -106,8 +106,7 @@ def aggregate(seeds: list[dict[str, Any]]) -> dict[str, Any]:
 
 def main() -> int:
     args = tyro.cli(Args, prog="python -m agents.benchmark", description=__doc__)
-    if args.seeds < 1 or args.jobs < 1:
-        raise UserError(f"--seeds and --jobs must be at least 1, got {args.seeds} and {args.jobs}")
+    messages.check_least(args, seeds=1, jobs=1, episodes=1, evaluation_seed=0, total_timesteps=1)
     out = args.out or Path("runs") / f"{args.env_id}-{args.algo}.json"
     messages.check_output("--out", out)
     messages.check_output("--runs", args.runs, folder=True)

@@ -47,6 +47,7 @@ def main() -> int:
     from agents import pictures
 
     args = tyro.cli(Args, prog="python -m agents.demo", description=__doc__)
+    messages.check_least(args, seed=0, episodes=1, evaluation_seed=0, total_timesteps=1)
     messages.check_output("--out", args.out / "demo.json")
     messages.check_output("--out", args.out / "demo", folder=True)
     console = console_for_tables()

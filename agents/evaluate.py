@@ -75,6 +75,9 @@ def make_env(env_id: str, keywords: dict[str, Any]) -> gym.Env:
 
 def make_vector_env(env_id: str, number: int, keywords: dict[str, Any]) -> gym.vector.VectorEnv:
     """gym.make_vec, as Stable-Baselines3 wants it, with a user's mistakes turned into one line."""
+    for name in ("id", "num_envs", "autoreset_mode", "vectorization_mode", "render_mode"):
+        if name in keywords:
+            raise UserError(f"--env-keywords: {name} is chosen by the training itself")
     return _made(env_id, lambda: gym.make_vec(env_id, number, autoreset_mode="SameStep", **keywords))
 
 
@@ -98,7 +101,8 @@ def _made(env_id: str, make: Callable[[], Any]) -> Any:
     except gym.error.Error as error:
         raise UserError(shown(error)) from None
     except (TypeError, ValueError, OSError) as error:
-        raise UserError(f"{env_id}: {shown(error)}") from None
+        text = str(error).partition(" was raised from the environment creator for ")[0]  # Gymnasium's own words
+        raise UserError(f"{env_id}: {shown(text)}") from None
 
 
 def parse_keywords(text: str) -> dict[str, Any]:
@@ -110,6 +114,8 @@ def parse_keywords(text: str) -> dict[str, Any]:
         keywords: dict[str, Any] = parse_json(text, "--env-keywords", mapping(anything))
     except ValueError as error:
         raise UserError(f"{error}; it must be a JSON object, got {shown(repr(text))}") from None
+    if keywords.get("max_episode_steps") == -1:
+        raise UserError("--env-keywords: max_episode_steps must be at least 1: an episode here must come to an end")
     vehicle = keywords.get("vehicle")
     if isinstance(vehicle, str) and Path(vehicle).suffix.lower() in (".json", ".toml"):
         try:
@@ -174,10 +180,9 @@ def console_for_tables() -> Console:
 
 def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.evaluate", description=f"{__doc__}\n{list_of_controllers()}")
-    if args.episodes < 1:
-        raise UserError(f"--episodes must be at least 1, got {args.episodes}")
-    if args.seed < 0:
-        raise UserError(f"--seed must be at least 0, got {args.seed}")
+    messages.check_least(args, episodes=1, seed=0)
+    if not args.policy:
+        raise UserError("--policy must name at least one policy")
     messages.check_output("--json", args.json)
     made_by = environment(args.env_id)
     networks = {name: trained.load(name) for name in args.policy if trained.is_trained(name)}

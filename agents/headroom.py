@@ -249,11 +249,7 @@ def picture(rows: dict[str, dict[str, Any]], path: Path) -> None:
 
 def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.headroom", description=__doc__)
-    if args.episodes < 1:
-        raise UserError(f"--episodes must be at least 1, got {args.episodes}")
-    for name in ("seed", "search_seed"):
-        if getattr(args, name) < 0:
-            raise UserError(f"--{name.replace('_', '-')} must be at least 0, got {getattr(args, name)}")
+    messages.check_least(args, episodes=1, seed=0, search_seed=0)
     if not any(args.only in name for name in CONDITIONS):
         raise UserError(f"--only must be a part of one of: {', '.join(CONDITIONS)}; got {args.only!r}")
     messages.check_output("--json", args.json)

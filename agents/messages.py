@@ -46,6 +46,14 @@ def progress(transient: bool = True) -> Progress:
     return Progress(*columns, console=console(stderr=True), transient=transient)
 
 
+def check_least(args: object, **least: int) -> None:
+    """Refuse, before any work, numbers below the least allowed, by the names of their options; None is fine."""
+    for name, low in least.items():
+        value = getattr(args, name)
+        if value is not None and value < low:
+            raise UserError(f"--{name.replace('_', '-')} must be at least {low}, got {value}")
+
+
 def check_output(option: str, path: Path | None, folder: bool = False) -> None:
     """Refuse, before any work, a file (or a folder to write into) that cannot be written; None is fine.
 
@@ -54,6 +62,8 @@ def check_output(option: str, path: Path | None, folder: bool = False) -> None:
     """
     if path is None:
         return
+    if folder and path == Path():
+        raise UserError(f"{option} must name a folder of its own, not the one you are in")
     try:
         (checked_output_folder if folder else checked_output)(path)
     except OSError as error:

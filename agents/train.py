@@ -225,6 +225,8 @@ def train(args: Args, console: Console) -> Path:
     if not 0 <= args.seed < 2**32:
         raise UserError(f"--seed must be at least 0 and less than 2^32, got {args.seed}")
     path = args.out or Path("runs") / f"{args.env_id}-{args.algo}-{args.seed}"
+    if path == Path():
+        raise UserError("--out must name a folder of its own, not the one you are in")
     if args.resume and not begun(path):
         raise UserError(f"--resume: {path} holds no run")
     identity = {"env_id": args.env_id, "env_keywords": keywords, "algo": args.algo, "seed": args.seed}
@@ -336,8 +338,8 @@ def _summary(console: Console, args: Args, folder: Path, model: BaseAlgorithm, s
         f"success in the last {len(model.ep_success_buffer or [])} training episodes, exploration on: "
         f"{100 * success:.0f} %\n"
         f"policy and record of the run: {folder}\n"
-        f"evaluate it: python -m agents.evaluate --env-id {args.env_id} --policy {folder} lqr zero"
-        + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""),
+        f"evaluate it, with the keywords of its training: python -m agents.evaluate --env-id {args.env_id} "
+        f"--policy {folder} lqr zero",
         highlight=False,
         soft_wrap=True,
     )

@@ -17,6 +17,8 @@ from bicycle_env.files import shown
 WORD = re.compile(r"[A-Za-z0-9_]{1,40}")
 LABELS = ("name", "source")  # of a vehicle: free text, which nothing reads
 NOT_FROM_A_FILE = {"self", "telemetry", "render_mode", "task_keywords"}
+OF_TRAINING = ("dtype", "threads", "staggered_start", "on_invalid", "telemetry")
+"""Keywords of many cars at once, which say nothing about the one that is evaluated."""
 LIMIT = "max_episode_steps"  # gym.make's own
 
 
@@ -30,7 +32,9 @@ def load(name: str) -> control.Network:
     try:
         return control.load(name)
     except (ValueError, OSError) as error:
-        raise UserError(shown(error)) from None
+        begun = (Path(name) / "checkpoint").is_dir() and not (Path(name) / "policy.json").is_file()
+        hint = "; its training was stopped: go on with python -m agents.train ... --resume" if begun else ""
+        raise UserError(f"{shown(error)}{hint}") from None
 
 
 def keywords_of(name: str, network: control.Network, environment: type[SingleTrackEnv]) -> dict[str, Any]:
@@ -43,6 +47,7 @@ def keywords_of(name: str, network: control.Network, environment: type[SingleTra
         UserError: it holds something else; the line says what, and that --env-keywords serves instead.
     """
     found: dict[str, Any] = network.description.get("env_keywords", {})
+    found = {key: value for key, value in found.items() if key not in OF_TRAINING}
     allowed = {LIMIT, *keyword_names(environment)}
     try:
         for key, value in found.items():

@@ -107,11 +107,7 @@ def table(tuning: optimum.Tuning) -> Table:
 
 def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.tune", description=__doc__)
-    for name in ("restarts", "iterations"):
-        if getattr(args, name) < 1:
-            raise UserError(f"--{name} must be at least 1, got {getattr(args, name)}")
-    if args.seed < 0:
-        raise UserError(f"--seed must be at least 0, got {args.seed}")
+    messages.check_least(args, restarts=1, iterations=1, seed=0)
     out = args.out or Path("runs") / f"{args.env_id}-weights.json"
     messages.check_output("--out", out)
     keywords = parse_keywords(args.env_keywords)

@@ -134,6 +134,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--install", metavar="EXTRA", help="install an extra, from the locks where they fit")
     extra = parser.parse_args().install
+    known = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    if extra and extra not in known:
+        parser.error(f"there is no extra {extra!r}; there are {', '.join(known)}")
     install(extra) if extra else make()
 
 

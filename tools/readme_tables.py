@@ -7,6 +7,7 @@ A table stands between `<!-- results: NAME -->` and `<!-- end -->`; NAME is one 
 
 from __future__ import annotations
 
+import argparse
 import re
 import sys
 from pathlib import Path
@@ -239,15 +240,17 @@ def filled(text: str) -> str:
 
 
 def main() -> int:
-    stale = False
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if a table is out of date")
+    check, stale = parser.parse_args().check, False
     for page in PAGES:
         path = ROOT / page
         text = path.read_text(encoding="utf-8")
         new = filled(text)
         stale |= new != text
-        if "--check" not in sys.argv:
+        if not check:
             path.write_text(new, encoding="utf-8")
-    return int(stale and "--check" in sys.argv)
+    return int(stale and check)
 
 
 if __name__ == "__main__":

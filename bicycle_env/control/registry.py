@@ -44,6 +44,8 @@ def make(name: str, env: Any) -> Policy:
             environment, for example a driver where only the rear wheels are steered.
     """
     plant: Plant = getattr(env, "unwrapped", env)
+    if not hasattr(plant, "linear_model"):
+        raise TypeError(f"env must be an environment of this package, got {env!r}")
     if isinstance(name, str) and name in REAR_LAWS:
         drivers = " or ".join(repr(f"{driver}+{name}") for driver in DRIVERS)
         raise ValueError(f"policy {name!r} steers the rear wheels only, and needs a driver at the front: {drivers}.")

@@ -119,10 +119,19 @@ def registered_fleet(spec: Any, num_envs: int, keywords: Mapping[str, Any], time
         ValueError: the id is not of a single-track environment.
         TypeError: a keyword that the single environment does not have, or that is for one car only.
     """
+    return fleet_of(_class_of(spec), num_envs, {**spec.kwargs, **keywords}, time_limit)
+
+
+def keywords_of_id(spec: Any) -> list[str]:
+    """The keywords of an id's cars; ValueError as :func:`registered_fleet`."""
+    return [name for name in keyword_names(_class_of(spec)) if name not in ONE_CAR]
+
+
+def _class_of(spec: Any) -> type[SingleTrackEnv]:
     env_class = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
     if not (isinstance(env_class, type) and issubclass(env_class, SingleTrackEnv)):
         raise ValueError(f"env_id must be of a single-track environment, got {spec.id!r}")
-    return fleet_of(env_class, num_envs, {**spec.kwargs, **keywords}, time_limit)
+    return env_class
 
 
 def fleet_of(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,11 @@ def plain_spec(spec: Any) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Numpy scalars as numbers and arrays as lists, also inside of mappings, lists and tuples."""
+    """Numpy scalars as numbers, arrays as lists, paths as their names; also inside of mappings, lists and tuples."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
     if isinstance(value, dict):
         return {key: plain(entry) for key, entry in value.items()}
     if type(value) in (list, tuple):

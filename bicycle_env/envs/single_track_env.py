@@ -29,6 +29,11 @@ RENDER_MODES = ("human", "rgb_array")
 FLOAT32 = np.dtype(np.float32)
 
 
+OF_MANY = ("num_envs", "dtype", "threads", "autoreset_mode", "staggered_start", "on_invalid")
+ELSEWHERE = {"seed": "reset(seed=...)", **dict.fromkeys(OF_MANY, "gym.make_vec(...), without vectorization_mode")}
+"""Words that people look for among the keywords of a single environment."""
+
+
 class Snapshot(NamedTuple):
     """All that the future of an environment depends on; made by ``snapshot()``, taken by ``restore()``."""
 
@@ -307,6 +312,9 @@ def converted_action(action: Any, shape: tuple[int, ...], steer: str, dtype: Any
 
 def make_task(env_class: type[SingleTrackEnv], keywords: Mapping[str, Any]) -> Task:
     """An environment's task with keywords of its own; TypeError names an unknown one and the nearest allowed."""
+    for name in keywords:
+        if name in ELSEWHERE:
+            raise TypeError(f"{name} is no keyword of one car: give it to {ELSEWHERE[name]}")
     known_keys("keyword", keywords, keyword_names(env_class), TypeError)
     return dataclasses.replace(env_class.default_task, **keywords)  # type: ignore[type-var]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from bicycle_env.envs.fleet import ConfiguredFleet, registered_fleet
+from bicycle_env.envs.fleet import ConfiguredFleet, keywords_of_id, registered_fleet
 from bicycle_env.envs.single_track_env import SingleTrackEnv
 from bicycle_env.envs.telemetry import telemetry as telemetry_of
 from bicycle_env.envs.time_limit import remark
@@ -102,9 +103,11 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         compile: bool = False,
         **env_keywords: Any,
     ) -> None:
+        own = [name for name in inspect.signature(TorchVectorEnv).parameters if name != "env_keywords"]
+        self.spec = registered_spec(env_id)
+        known_keys("keyword", env_keywords, [*own, *keywords_of_id(self.spec)], TypeError)
         torch = import_torch()
         self.num_envs = whole("num_envs", num_envs)
-        self.spec = registered_spec(env_id)
         word = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         self.autoreset_mode = AUTORESET_MODES[choice("autoreset_mode", word, AUTORESET_MODES)]
         self.metadata = {**SingleTrackEnv.metadata, "render_modes": [], "autoreset_mode": self.autoreset_mode}
@@ -178,7 +181,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             )
         else:
             kept, mask = None, None
-            given = self.task.check_options(options)
+            given = self.task.check_options(options, ("reset_mask",))
         values = self._options.state(given["state"], "options['state']") if "state" in given else {}
         changes = self.task.option_numbers(given, self._options.allowed)
         if seed is not None:

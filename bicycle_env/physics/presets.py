@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
@@ -140,12 +141,12 @@ def register_vehicle(name: str, vehicle: Vehicle | Mapping[str, Any]) -> None:
         _vehicles[name] = dataclasses.replace(vehicle, name=name)
 
 
-def resolve_vehicle(vehicle: str | Vehicle | Mapping[str, Any]) -> Vehicle:
+def resolve_vehicle(vehicle: str | os.PathLike[str] | Vehicle | Mapping[str, Any]) -> Vehicle:
     """A car from its name in ``vehicles``, from a file, from its plain form, or from itself.
 
     Args:
-        vehicle: a name; a file's name that ends in .json or .toml, see ``Vehicle.read``; a mapping of the fields of
-            ``Vehicle`` by their names; or a Vehicle.
+        vehicle: a name; a file's name or path that ends in .json or .toml, see ``Vehicle.read``; a mapping of the
+            fields of ``Vehicle`` by their names; or a Vehicle.
 
     Raises:
         ValueError: an unknown name or field, with the nearest known one; a missing field; a bad value.
@@ -156,6 +157,8 @@ def resolve_vehicle(vehicle: str | Vehicle | Mapping[str, Any]) -> Vehicle:
         return vehicle
     if isinstance(vehicle, Mapping):
         return Vehicle.from_fields(vehicle)
+    if isinstance(vehicle, os.PathLike):
+        vehicle = os.fspath(vehicle)
     if not isinstance(vehicle, str):
         words = ", ".join(map(repr, vehicles))
         raise TypeError(f"vehicle must be one of {words}, a car's file, a Vehicle or a dict, got {vehicle!r}")

@@ -88,7 +88,9 @@ def png(figure: Any, dots_per_inch: float = DOTS_PER_INCH) -> bytes:
 
 
 def save(figure: Any, path: str | Path, dots_per_inch: float = DOTS_PER_INCH) -> None:
-    """Write a figure as PNG, whole or not at all; the folder is made if needed."""
+    """Write a figure as PNG, whole or not at all; the folder is made if needed. ValueError for another ending."""
+    if Path(path).suffix.lower() != ".png":
+        raise ValueError(f"path must end in .png, which is what is written, got {str(path)!r}")
     write_bytes(path, png(figure, dots_per_inch))
 
 

@@ -28,7 +28,8 @@ def summary(study: Study) -> str:
     if math.isinf(critical):
         stability = "it is stable at every speed"
     elif math.isinf(doubling):
-        stability = f"it becomes unstable above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) and is stable here"
+        here = "is stable here" if analysis.is_stable(car, speed) else "is just at this limit here"
+        stability = f"it becomes unstable above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) and {here}"
     else:
         stability = (
             f"above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) it is unstable: here a deviation doubles in "

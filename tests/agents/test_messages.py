@@ -1,6 +1,8 @@
 """What the commands print, on consoles that lack characters, and bars that take text as text."""
 
+import importlib
 import io
+import re
 import sys
 
 import pytest
@@ -23,3 +25,27 @@ def test_a_bar_is_drawn_on_every_console(monkeypatch, encoding):
     sys.stderr.flush()
     assert "[/red] 5" in written.getvalue().decode(encoding)
     assert "50%" in written.getvalue().decode(encoding)
+
+
+@pytest.mark.parametrize(
+    ("module", "words", "text"),
+    [
+        ("benchmark", ["--episodes", "0"], "--episodes must be at least 1, got 0"),
+        ("benchmark", ["--evaluation-seed", "-1"], "--evaluation-seed must be at least 0, got -1"),
+        ("benchmark", ["--total-timesteps", "0"], "--total-timesteps must be at least 1, got 0"),
+        ("benchmark", ["--seeds", "0"], "--seeds must be at least 1, got 0"),
+        ("demo", ["--episodes", "-1"], "--episodes must be at least 1, got -1"),
+        ("evaluate", ["--policy"], "--policy must name at least one policy"),
+        ("evaluate", ["--env-keywords", '{"max_episode_steps": -1}'], "max_episode_steps must be at least 1"),
+        ("train", ["--env-keywords", '{"num_envs": 3}'], "num_envs is chosen by the training itself"),
+        ("train", ["--out", ""], "--out must name a folder of its own, not the one you are in"),
+        ("headroom", ["--search-seed", "-1"], "--search-seed must be at least 0, got -1"),
+        ("tune", ["--restarts", "0"], "--restarts must be at least 1, got 0"),
+    ],
+)
+def test_a_mistake_is_found_before_any_work(module, words, text, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", [module, *words])
+    with pytest.raises(messages.UserError, match=re.escape(text)):
+        importlib.import_module(f"agents.{module}").main()
+    assert [path.name for path in tmp_path.iterdir()] == []

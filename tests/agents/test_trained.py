@@ -82,7 +82,6 @@ def test_policies_that_differ_need_a_choice(tmp_path, run):
         ({"tire": ""}, "tire must be a word"),
         ({"friction": [1.0]}, "friction must be a number, a word or a table, got a list"),
         ({"render_mode": "human"}, "'render_mode' is no keyword that a policy's file may set"),
-        ({"telemetry": True}, "'telemetry' is no keyword"),
         ({"id": "CartPole-v1"}, "'id' is no keyword"),
         ({"entry_point": "os:system"}, "'entry_point' is no keyword"),
         ({"additional_wrappers": 3}, "'additional_wrappers' is no keyword"),
@@ -201,3 +200,20 @@ def test_brackets_and_escapes_of_a_stranger_are_shown_as_text(tmp_path, run, mon
     _, printed = run("--policy", "other", "--env-keywords", "{}")
     assert "\x1b" not in printed
     assert "[/red]" in printed
+
+
+def test_keywords_of_many_cars_say_nothing_about_the_one_that_is_evaluated(tmp_path):
+    network = trained.load(save(tmp_path / "run", env_keywords={"dtype": "float32", "threads": 2, "friction": 0.5}))
+    assert trained.keywords_of("x", network, BicycleStabEnv) == {"friction": 0.5}
+
+
+def test_a_training_that_was_stopped_can_go_on(tmp_path):
+    (tmp_path / "run" / "checkpoint").mkdir(parents=True)
+    with pytest.raises(UserError, match=r"go on with python -m agents\.train \.\.\. --resume"):
+        trained.load(str(tmp_path / "run"))
+
+
+def test_gymnasiums_words_about_keywords_that_nobody_gave_are_left_out():
+    with pytest.raises(UserError) as caught:
+        evaluate.make_env("BicycleStab-v0", {"foo": 1, "telemetry": True})
+    assert "environment creator" not in str(caught.value)

@@ -288,3 +288,16 @@ def test_its_text_is_one_line():
     assert "lane=1.75, 3 x 3 x 2 x 2 nodes" in repr(
         analysis.RecoverableSet(**common, lane=1.75, value=np.zeros((3, 3, 2, 2)))
     )
+
+
+def test_recovered_is_what_the_documentation_says(plane):
+    """|sideslip| < 0.03 rad and |yaw rate| < 0.08 rad/s."""
+    for sideslip, yaw_rate, expected in (
+        (0.0, 0.079, True),
+        (0.0, -0.079, True),
+        (0.0, 0.081, False),
+        (0.0, -0.081, False),
+        (0.029, 0.0, True),
+        (-0.031, 0.0, False),
+    ):
+        assert plane.is_recovered(sideslip * SPEED, yaw_rate) == expected

@@ -258,3 +258,11 @@ def test_frames_per_second_follow_the_control_timestep():
     fast = gym.make("BicycleStab-v0", control_timestep=0.01, physics_timestep=0.002)
     assert fast.metadata["render_fps"] == 100
     assert gym.make("BicycleStab-v0").metadata["render_fps"] == 50
+
+
+@pytest.mark.parametrize(
+    ("keyword", "place"), [("threads", "make_vec"), ("dtype", "make_vec"), ("seed", r"reset\(seed")]
+)
+def test_a_keyword_of_another_place_says_where(keyword, place):
+    with pytest.raises(TypeError, match=rf"^{keyword} is no keyword of one car: give it to .*{place}"):
+        gym.make("BicycleStab-v0", **{keyword: 2})

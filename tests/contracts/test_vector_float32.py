@@ -91,3 +91,11 @@ def test_single_precision_is_repeatable_and_continues_from_copies():
     assert drive(env, actions[30:]) == drive(twin, actions[30:])
     assert record(env.state) == record(twin.state)
     assert all(values.dtype == np.float64 for values in env.state)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_an_observation_is_clipped_on_both_sides(side):
+    env = gym.make_vec(STAB, 8, dtype="float32", autoreset_mode="Disabled")
+    observation, _ = env.reset(seed=0, options={"state": {"lateral_position": side * 50.0, "yaw_rate": side * 9.0}})
+    assert observation[:, 0].tolist() == [side * 10.0] * 8
+    assert observation[:, 3].tolist() == [side * 10.0] * 8

@@ -10,11 +10,13 @@ from collections import Counter
 
 import gymnasium as gym
 import llvmlite.binding as llvm
+import numba
 import pytest
 from vector_cases import COMBINATIONS, make_many
 
 pytestmark = pytest.mark.skipif(
-    not llvm.get_host_cpu_features().get("avx2"), reason="how other processors vectorise is not known here"
+    not llvm.get_host_cpu_features().get("avx2") or numba.config.CPU_NAME == "generic",
+    reason="how other processors vectorise is not known here",
 )
 FUSED = "llvm.fma"
 ARITHMETIC = ("fadd", "fsub", "fmul", "fdiv", FUSED)

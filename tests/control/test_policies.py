@@ -167,3 +167,9 @@ def test_every_policy_has_a_line_about_it():
         assert 20 < len(text) <= 120
         assert "``" not in text
     assert len(set(rows.values())) == len(rows)
+
+
+def test_an_environment_of_another_package_is_refused():
+    for env in (gym.make("CartPole-v1"), 3):
+        with pytest.raises(TypeError, match="env must be an environment of this package, got"):
+            control.make("lqr", env)

@@ -80,6 +80,7 @@ def drive(configuration, rng, steps):
             return
 
 
+@pytest.mark.filterwarnings("ignore::bicycle_env.physics.vehicle.UnitWarning")
 def test_whatever_is_within_the_ranges_drives_with_finite_numbers():
     rng, accepted, steps = np.random.default_rng(0), 0, 0
     for _ in range(500):

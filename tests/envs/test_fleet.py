@@ -109,6 +109,7 @@ def test_bad_values_are_named_with_their_car(keywords, error, match):
         fleet_of(**keywords)
 
 
+@pytest.mark.filterwarnings("ignore::bicycle_env.physics.vehicle.UnitWarning")
 def test_the_slowest_car_has_the_fastest_mode():
     """Why the ends of an interval of speeds stand for all of it."""
     rng = np.random.default_rng(1)

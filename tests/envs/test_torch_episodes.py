@@ -418,3 +418,14 @@ def test_it_looks_like_a_vector_environment(env_id, mode):
     assert observation.numpy() in envs.observation_space
     assert reward.shape == (3,)
     envs.close()
+
+
+def test_an_unknown_keyword_proposes_one_of_its_own():
+    with pytest.raises(TypeError, match=r"'devise'; did you mean 'device'.*'max_episode_steps'.*'friction'"):
+        TorchVectorEnv(STAB, 2, devise="cpu")
+
+
+def test_an_unknown_option_names_the_mask():
+    envs = quick()
+    with pytest.raises(ValueError, match=r"'foo'.*'reset_mask'"):
+        envs.reset(options={"foo": 1})

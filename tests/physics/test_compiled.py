@@ -269,7 +269,8 @@ def process(tmp_path):
     """Run a program in a new process whose compile cache is an empty folder at first."""
 
     def process(program, **settings):
-        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")} | settings
+        usual = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CPU")}
+        environment = usual | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")} | settings
         done = subprocess.run(
             [sys.executable, "-W", "error", "-c", program], env=environment, capture_output=True, text=True, check=False
         )

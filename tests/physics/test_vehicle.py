@@ -282,3 +282,18 @@ def test_a_mistake_in_a_plain_form_is_named(change, error, text):
 def test_missing_fields_of_a_plain_form_are_named():
     with pytest.raises(ValueError, match=r"^vehicle: missing fields 'cg_to_front', 'cg_to_rear', 'front_corn"):
         resolve_vehicle({"mass": 1.0, "yaw_inertia": 1.0})
+
+
+@pytest.mark.parametrize("inertia", [2.5, 2.5e6])
+def test_a_yaw_inertia_in_another_unit_is_remarked_on(inertia):
+    with pytest.warns(UnitWarning, match=r"^yaw_inertia = .*cars have 0.7 to 1.3.*t m\^2") as caught:
+        car = Vehicle(**GIVEN | {"yaw_inertia": inertia})
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
+    assert car.yaw_inertia == inertia
+
+
+def test_a_path_is_a_cars_file(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text("\n".join(f"{name} = {value}" for name, value in GIVEN.items()))
+    assert resolve_vehicle(file) == resolve_vehicle(str(file))

@@ -156,3 +156,15 @@ def test_without_matplotlib_one_line_says_what_to_install(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(ModuleNotFoundError, match=r'a figure needs matplotlib: pip install -e "\.\[analysis\]"'):
         plots.episode(run)
+
+
+def test_another_ending_than_png_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"path must end in \.png.*got .*a\.pdf"):
+        plots.save(None, tmp_path / "a.pdf")
+
+
+def test_the_phase_plane_is_in_degrees(run):
+    (phase,) = [axes for axes in plots.episode(run).axes if axes.get_xlabel() == "sideslip [deg]"]
+    line = phase.get_lines()[0]
+    np.testing.assert_allclose(line.get_xdata(), np.degrees(run["sideslip"]))
+    np.testing.assert_allclose(line.get_ydata(), np.degrees(run["yaw_rate"]))

@@ -126,6 +126,7 @@ def test_bad_input_is_named(draw):
         draw("oversteer", -1.0)
 
 
+@pytest.mark.filterwarnings("ignore::bicycle_env.physics.vehicle.UnitWarning")
 def test_a_car_with_a_very_fast_mode():
     light = dataclasses.replace(vehicles["oversteer"], yaw_inertia=1.0)
     found = plots.wrong_way(light, 43.0, "rear_steer", "lateral_acceleration")

@@ -238,3 +238,9 @@ def test_an_arrow_has_its_tip_at_its_end():
 
 def test_no_arrow_where_there_is_nothing_to_show():
     assert arrow_outline(Arrow((1.0, 2.0), (1.01, 2.0)), 0.2) == ()
+
+
+def test_the_trail_ends_at_both_sides_of_the_picture():
+    env = env_at(IDS[0], {})
+    far = tuple((x, 0.0) for x in (-1e4, 0.0, 1e4))
+    assert scene_of(env, far).trail == ((0.0, 0.0),)

@@ -200,3 +200,8 @@ def test_the_linear_tire_has_no_limit():
 )
 def test_the_summary_fits_the_car(name, speed, text):
     assert text in summary(report.study(name, speed, grid=COARSE))
+
+
+def test_just_at_the_critical_speed_it_is_not_stable():
+    study = report.study("oversteer", speed_ratio=1.0, grid=COARSE)
+    assert "becomes unstable above 36.1 m/s (130 km/h) and is just at this limit here" in summary(study)

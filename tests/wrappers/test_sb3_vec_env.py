@@ -368,3 +368,13 @@ def test_checkpoint_and_resume(tmp_path):
     assert not np.array_equal(
         model.predict(observation, deterministic=True)[0], resumed.predict(observation, deterministic=True)[0]
     )
+
+
+def test_success_is_recorded_at_the_end_and_not_at_the_beginning():
+    env = RecordSuccess(gym.make("BicycleStab-v0", max_episode_steps=60))
+    _, info = env.reset(seed=0, options={"state": {}})
+    assert info["is_success"] is False
+    for _ in range(60):
+        *_, truncated, info = env.step(np.zeros(2, np.float32))
+    assert truncated
+    assert info["is_success"] is True
