@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from combinations import only_all
 
 from bicycle_env.envs import BicycleStabEnv, TorchVectorEnv
 from bicycle_env.envs.bicycle_stab import BicycleStabVectorEnv
@@ -180,7 +181,7 @@ def wide(monkeypatch):
     gym.registry.pop("Wide-v0")
 
 
-@pytest.mark.parametrize("limit", [0.3, 0.4])
+@pytest.mark.parametrize("limit", [0.3, only_all(0.4)])
 def test_a_law_reads_the_tasks_own_keyword_in_every_environment(wide, limit):
     """Kernels of an earlier revision were made of `Wide()`, whatever the keyword."""
     given = {"limit": limit, "tire": "linear"}

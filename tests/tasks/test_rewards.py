@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from combinations import only_all
 from gymnasium.envs.registration import EnvSpec
 
 from bicycle_env.envs import TorchVectorEnv
@@ -38,7 +39,9 @@ class Smooth(rewards.Reward):
         return law
 
 
-@pytest.mark.parametrize("reward", [Smooth(), Smooth(weight=0.5), rewards.Quadratic(yaw_rate_cost=3.0)], ids=repr)
+@pytest.mark.parametrize(
+    "reward", [Smooth(), only_all(Smooth(weight=0.5)), only_all(rewards.Quadratic(yaw_rate_cost=3.0))], ids=repr
+)
 def test_a_law_of_ones_own_is_the_same_in_every_environment(reward):
     given = {**KIND, "reward": reward, "speed": 40.0}
     single, many = gym.make(STAB, **given), gym.make_vec(STAB, 3, **given, autoreset_mode="Disabled")
