@@ -97,12 +97,16 @@ def environment(env_id: str) -> type[SingleTrackEnv]:
 def _made(env_id: str, make: Callable[[], Any]) -> Any:
     environment(env_id)
     try:
-        return make()
+        made = make()
     except gym.error.Error as error:
         raise UserError(shown(error)) from None
     except (TypeError, ValueError, OSError) as error:
         text = str(error).partition(" was raised from the environment creator for ")[0]  # Gymnasium's own words
         raise UserError(f"{env_id}: {shown(text)}") from None
+    many = isinstance(made, gym.vector.VectorEnv)
+    if (made.unwrapped if many else made.spec).max_episode_steps is None:
+        raise UserError(f"{env_id}: max_episode_steps must be at least 1: an episode here must come to an end")
+    return made
 
 
 def parse_keywords(text: str) -> dict[str, Any]:
@@ -114,8 +118,6 @@ def parse_keywords(text: str) -> dict[str, Any]:
         keywords: dict[str, Any] = parse_json(text, "--env-keywords", mapping(anything))
     except ValueError as error:
         raise UserError(f"{error}; it must be a JSON object, got {shown(repr(text))}") from None
-    if keywords.get("max_episode_steps") == -1:
-        raise UserError("--env-keywords: max_episode_steps must be at least 1: an episode here must come to an end")
     vehicle = keywords.get("vehicle")
     if isinstance(vehicle, str) and Path(vehicle).suffix.lower() in (".json", ".toml"):
         try:

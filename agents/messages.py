@@ -54,6 +54,12 @@ def check_least(args: object, **least: int) -> None:
             raise UserError(f"--{name.replace('_', '-')} must be at least {low}, got {value}")
 
 
+def check_folder(option: str, path: Path) -> None:
+    """Refuse the folder that the user is in: a run's files need one of their own."""
+    if path == Path():
+        raise UserError(f"{option} must name a folder of its own, not the one you are in")
+
+
 def check_output(option: str, path: Path | None, folder: bool = False) -> None:
     """Refuse, before any work, a file (or a folder to write into) that cannot be written; None is fine.
 
@@ -62,8 +68,8 @@ def check_output(option: str, path: Path | None, folder: bool = False) -> None:
     """
     if path is None:
         return
-    if folder and path == Path():
-        raise UserError(f"{option} must name a folder of its own, not the one you are in")
+    if folder:
+        check_folder(option, path)
     try:
         (checked_output_folder if folder else checked_output)(path)
     except OSError as error:

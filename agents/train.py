@@ -220,13 +220,11 @@ def train(args: Args, console: Console) -> Path:
     keywords = parse_keywords(args.env_keywords)
     environment(args.env_id)
     chosen = settings.read(args.env_id, args.algo, args.config)
-    if args.total_timesteps is not None and args.total_timesteps < 1:
-        raise UserError(f"--total-timesteps must be at least 1, got {args.total_timesteps}")
+    messages.check_least(args, total_timesteps=1)
     if not 0 <= args.seed < 2**32:
         raise UserError(f"--seed must be at least 0 and less than 2^32, got {args.seed}")
     path = args.out or Path("runs") / f"{args.env_id}-{args.algo}-{args.seed}"
-    if path == Path():
-        raise UserError("--out must name a folder of its own, not the one you are in")
+    messages.check_folder("--out", path)
     if args.resume and not begun(path):
         raise UserError(f"--resume: {path} holds no run")
     identity = {"env_id": args.env_id, "env_keywords": keywords, "algo": args.algo, "seed": args.seed}

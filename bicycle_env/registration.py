@@ -46,8 +46,8 @@ def _register_own() -> None:
 def register(id: str, task: Any, max_episode_steps: int | None = None) -> None:
     """Register an environment of a task of one's own.
 
-    ``gym.make``, ``gym.make_vec``, ``TorchVectorEnv`` and the commands then know it, with all keywords that the other
-    environments have and with the task's fields. In a module that can be imported, say ``my_task.py``, it is found as
+    ``gym.make``, ``gym.make_vec`` and ``TorchVectorEnv`` then know it, with all keywords that the other environments
+    have and with the task's fields. In a module that can be imported, say ``my_task.py``, it is found as
     ``my_task:Mine/Gusty-v0``, too, and workers that are spawned import the task's module by themselves.
 
     Args:
@@ -59,12 +59,12 @@ def register(id: str, task: Any, max_episode_steps: int | None = None) -> None:
         TypeError, ValueError: not a task, or one that the environments would contradict; a bad number of steps; an id
             of this package.
     """
-    from bicycle_env.envs import of_tasks  # compiled code is loaded when an environment is made
+    from bicycle_env.envs import registered_tasks  # compiled code is loaded when an environment is made
 
     if id in {row.id for row in ENVIRONMENTS}:
         raise ValueError(f"id must not be one of this package's own, got {id!r}")
-    task, steps = of_tasks.checked(task, max_episode_steps)
-    single, many = of_tasks.add(id, task)
+    task, steps = registered_tasks.checked(task, max_episode_steps)
+    single, many = registered_tasks.add(id, task)
     gym.registry.pop(id, None)
     gym.register(id, entry_point=single, vector_entry_point=many, max_episode_steps=steps)
 

@@ -94,7 +94,7 @@ class BicycleStabEnv(SingleTrackEnv):
     | rear_actuator | `Actuator(3 deg, 9 deg/s, 0.05 s)` | the same for the rear axle |
     | control_timestep | `0.02` | s between actions |
     | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
-    | reward | `"default"` | `"default"` or `"quadratic"` |
+    | reward | `"default"` | `"default"`, `"quadratic"`, a `tasks.rewards.Reward` or its dict |
     | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 400, by default |
     | telemetry | `False` | more in `info` |
     | render_mode | `None` | `"human"` or `"rgb_array"` |

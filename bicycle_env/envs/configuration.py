@@ -86,7 +86,7 @@ class Configuration:
 
     @property
     def end_names(self) -> tuple[str, ...]:
-        """The words of the end codes 0, 1, 2, 3 of ``bicycle_env.tasks.ends``."""
+        """The words of the end codes 0, 1, 2, ..."""
         return self.task.end_names
 
     @property

@@ -118,8 +118,8 @@ NUMBA_FLOAT32: elementary.Namespace = elementary.namespace(
 )
 
 
-OF_THIS_PROCESS: dict[str, Callable[..., Any]] = {}
-"""Entry points by content: tasks whose laws are equal share their code, though they may differ in their numbers."""
+ENTRY_POINTS: dict[str, Callable[..., Any]] = {}
+"""Of this process, by content: tasks whose laws are equal share their code, though they may differ in their numbers."""
 
 
 def entry_point(
@@ -135,8 +135,8 @@ def entry_point(
         raise CompilerDisabledError("bicycle_env needs numba's compiler, and NUMBA_DISABLE_JIT is set: unset it")
     what = f"{digest(function)} {signature} {nogil} {interleave} {llvmlite.__version__}"
     content = hashlib.sha256(what.encode()).hexdigest()
-    if content in OF_THIS_PROCESS:
-        return OF_THIS_PROCESS[content]
+    if content in ENTRY_POINTS:
+        return ENTRY_POINTS[content]
     # The linker looks for code by name: what is loaded must not be taken for another content's.
     function.__qualname__ = f"{function.__name__}-{content[:20]}"
     dispatcher: Any = numba.njit(function, nogil=nogil, **COMMON)
@@ -144,8 +144,8 @@ def entry_point(
     with _interleaved(interleave):
         dispatcher.compile(signature)
     dispatcher.disable_compile()
-    OF_THIS_PROCESS[content] = dispatcher
-    return OF_THIS_PROCESS[content]
+    ENTRY_POINTS[content] = dispatcher
+    return ENTRY_POINTS[content]
 
 
 @contextlib.contextmanager

@@ -19,8 +19,6 @@ NEUTRAL = 1e-9
 LONGEST_NAME = 100
 USUAL_COEFFICIENTS = (3.0, 60.0)
 """Cornering stiffness per axle load, 1/rad: tires of passenger cars have 8 to 25; beyond these a unit is wrong."""
-
-
 USUAL_INERTIA = (0.1, 10.0)
 """Yaw inertia per m a b: cars have 0.7 to 1.3; beyond these a unit is wrong."""
 
@@ -48,9 +46,9 @@ class Vehicle:
     Masses must be in [0.01, 1e6] kg, yaw inertias in [1e-6, 1e8] kg m^2, lengths in [0.001, 100] m and cornering
     stiffnesses in [0.01, 1e8] N/rad (ValueError, TypeError otherwise). Where a cornering stiffness is not 3 to 60 per
     rad of its axle's load, or the yaw inertia not 0.1 to 10 times m a b, a UnitWarning asks for the units; the car is
-    made all the same. The first six are Karnopp's
-    m, I_z, a, b, C_f, C_r; the lengths after them say how large the body is (lane departure, pictures) and where
-    the wheels are (four-wheel form, equations 6.1-6.5), and do not enter the equations of motion.
+    made all the same. The first six are Karnopp's m, I_z, a, b, C_f, C_r; the lengths after them say how large the body
+    is (lane departure, pictures) and where the wheels are (four-wheel form, equations 6.1-6.5), and do not enter the
+    equations of motion.
     """
 
     mass: float

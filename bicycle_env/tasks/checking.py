@@ -29,12 +29,31 @@ PLACES = (
 """States of two cars each: near straight running, and far from it."""
 
 
-@functools.cache
 def check(task: Task) -> None:
     """Refuse a task that the environments or the analysis would contradict: ValueError or TypeError names its law."""
+    _check_value("task", task)
+    _check_task(task)
+
+
+def check_reward(task: Task, reward: Reward) -> None:
+    """Refuse a reward that fails for a task: ValueError or TypeError names its law."""
+    _check_value("reward", reward)
+    _check_reward(task, reward)
+
+
+def _check_value(kind: str, value: Any) -> None:
+    name, parameters = type(value).__name__, getattr(type(value), "__dataclass_params__", None)
+    if parameters is None or not parameters.frozen:
+        raise TypeError(f"{kind} {name} must be a frozen dataclass: write @dataclasses.dataclass(frozen=True) above it")
+    try:
+        hash(value)
+    except TypeError as error:
+        raise TypeError(f"{kind} {name}: its fields must be hashable, a tuple in place of a list ({error})") from None
+
+
+@functools.cache
+def _check_task(task: Task) -> None:
     name = type(task).__name__
-    if not _is_frozen(task):
-        raise TypeError(f"task {name} must be a frozen dataclass: write @dataclasses.dataclass(frozen=True) above it")
     fields = (*CarState._fields, *COMMANDS, "time", *task.Route._fields)
     if task.State._fields != fields:
         raise ValueError(f"task {name}: State must have the fields {', '.join(fields)}, got {task.State._fields}")
@@ -58,11 +77,8 @@ def _world(task: Task) -> World:
 
 
 @functools.cache
-def check_reward(task: Task, reward: Reward) -> None:
-    """Refuse a reward that fails for a task: ValueError or TypeError names its law."""
+def _check_reward(task: Task, reward: Reward) -> None:
     name, world = type(reward).__name__, _world(task)
-    if not _is_frozen(reward):
-        raise TypeError(f"reward {name} must be a frozen dataclass: write @dataclasses.dataclass(frozen=True) above it")
     law = _tried(f"reward {name}: its law 'law'", reward.law(NUMPY))
     before_law = reward.before(NUMPY)
     before = None if before_law is None else _tried(f"reward {name}: its law 'before'", before_law)
@@ -82,11 +98,6 @@ def check_reward(task: Task, reward: Reward) -> None:
             )
     steps = _tried(f"reward {name}: its law 'forfeit'", reward.forfeit(NUMPY))
     steps(np.array([0.0, 100.0]), world.car, world.rules)
-
-
-def _is_frozen(value: Any) -> bool:
-    parameters = getattr(type(value), "__dataclass_params__", None)
-    return parameters is not None and bool(parameters.frozen)
 
 
 def _check_laws(task: Task, name: str, world: World) -> None:

@@ -38,7 +38,7 @@ class Narrow(Stabilise):
         width = self.width
 
         def end(state, reference, world):
-            return xp.where(abs(state.heading) > 0.3 * width, 4, usual(state, reference, world))
+            return xp.where(abs(state.heading) > 0.1 * width, 4, usual(state, reference, world))
 
         return end
 
@@ -71,8 +71,8 @@ def test_one_car_many_and_tensors_are_the_same_task():
         words |= {many.unwrapped.end_names[code] for code in infos["end"]}
         if terminated:
             break
-    assert words - {""} <= {"spun", "left_lane", "turned"}
-    assert info["end"] in ("left_lane", "turned")
+    assert words == {"", "turned"}
+    assert info["end"] == "turned"
 
 
 def test_a_spec_goes_through_json():

@@ -20,7 +20,7 @@ def law(x):
 
 def compile_again():
     """What a new process does: it finds the same content. Whether something was compiled is in ``said``."""
-    compiled.OF_THIS_PROCESS.clear()
+    compiled.ENTRY_POINTS.clear()
     with announcements.progress("the law"):
         function = entry_point(law, NUMBER)
     assert function(2.0) == 6.0
@@ -72,7 +72,7 @@ def test_a_processor_without_multiply_add_is_said_to_be_slow(folder, monkeypatch
     "change", [{"nogil": True}, {"interleave": 2}, {"signature": numba.int64(numba.int64)}], ids=str
 )
 def test_another_way_to_compile_has_another_file(file, change):
-    compiled.OF_THIS_PROCESS.clear()
+    compiled.ENTRY_POINTS.clear()
     entry_point(**{"function": law, "signature": NUMBER, **change})
     assert len({path.name for path in file.parent.iterdir()}) == 2
 

@@ -135,6 +135,12 @@ def test_a_task_that_is_not_frozen_is_refused():
         check(type("Loose", (Task,), laws)())
 
 
+def test_a_task_with_a_list_is_refused():
+    listed = dataclasses.make_dataclass("Listed", [("speeds", list)], bases=(Stabilise,), frozen=True)
+    with pytest.raises(TypeError, match="task Listed: its fields must be hashable, a tuple in place of a list"):
+        check(listed([1.0]))
+
+
 # A task of one's own in all environments
 
 
