@@ -1,6 +1,7 @@
 """Steps per second of TorchVectorEnv against the number of cars, on the CPU and on a GPU where there is one.
 
     pip install -c constraints.txt -e ".[agents]" && python benchmarks/torch_env.py --json results/torch_env.json
+    python benchmarks/torch_env.py --devices cuda --sizes 1024 16384 131072 1048576 --json results/torch_env_gpu.json
 
 Random actions, autoreset in the same step, no gradients. On the CPU one thread, in processor time, which other work on
 the machine disturbs least, and beside it the native vector environment. On a GPU elapsed time; it is waited for at the
@@ -109,22 +110,31 @@ def measure(row: dict[str, Any], sizes: list[int], rounds: int) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="numbers of cars")
+    parser.add_argument(
+        "--devices", nargs="+", choices=("cpu", "cuda"), help="default: cpu, and cuda where there is one"
+    )
     parser.add_argument("--rounds", type=int, default=3, help="rounds, of which the best counts (default 3)")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     options = parser.parse_args()
     torch._inductor.config.force_disable_caches = True  # the first steps compile, whatever ran before
     torch.set_num_threads(1)
     torch.set_grad_enabled(False)
-    devices = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
-    gpu = torch.cuda.get_device_name() if len(devices) > 1 else "none at hand: not measured"
+    found = torch.cuda.is_available()
+    devices = options.devices or ["cpu", *(["cuda"] if found else [])]
+    if "cuda" in devices and not found:
+        parser.error("--devices cuda: torch finds no GPU here")
+    gpu = torch.cuda.get_device_name() if found else "none at hand: not measured"
     print(f"{provenance.machine()}; GPU: {gpu}\n")
     print(f"{'steps/s':32s}" + "".join(f"{size:>14,d}" for size in options.sizes))
     rows = variants(devices)
     for row in rows:
         measure(row, options.sizes, options.rounds)
     if options.json:
+        chosen = f" --devices {' '.join(options.devices)}" if options.devices else ""
+        if list(options.sizes) != list(SIZES):
+            chosen += f" --sizes {' '.join(map(str, options.sizes))}"
         result = {
-            "command": "python benchmarks/torch_env.py",
+            "command": "python benchmarks/torch_env.py" + chosen,
             **provenance.collect(),
             "gpu": gpu,
             "env_id": ENV_ID,

@@ -5,13 +5,16 @@ import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import torch
+from combinations import pairwise
 from torch._subclasses.fake_tensor import DataDependentOutputException, FakeTensorMode
 from torch_cases import CARS, IDS, LANE, MODES, STAB, STILL, assert_near, quick, random_actions, random_states, zeros
 
-from bicycle_env import Actuator
+from bicycle_env import Actuator, tires
 from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.physics.single_track import GEOMETRIES
 
 # On the device, without waiting for it
 
@@ -68,26 +71,67 @@ def test_all_is_on_the_device(env_id, mode, tire, monkeypatch):
             envs.step(torch.zeros(4, 2))
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+# On a GPU, where there is one
+
+gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+
+
+@gpu
+@pytest.mark.parametrize(
+    ("env_id", "tire", "geometry", "reward"), pairwise(IDS, tires.LAWS, GEOMETRIES, ["default", "quadratic"])
+)
+def test_a_gpu_drives_the_same(env_id, tire, geometry, reward):
+    """Five steps from states up to those that end an episode, the gradient of all rewards included."""
+    cars = {"tire": tire, "geometry": geometry, "reward": reward, "friction": np.linspace(0.4, 1.0, CARS)}
+    route = {"direction": "left", "change_start": 0.5} if env_id == LANE else {}
+    seen = {}
+    for device in ("cpu", "cuda"):
+        envs = TorchVectorEnv(env_id, CARS, device=device, autoreset_mode="Disabled", **cars)
+        envs.reset(options={"state": random_states(), **route})
+        actions = torch.from_numpy(random_actions()).double().to(device).requires_grad_()
+        steps = [envs.step(actions) for _ in range(5)]
+        rewards = torch.stack([step[1] for step in steps])
+        (slope,) = torch.autograd.grad(rewards.sum(), actions)
+        ends = torch.stack([step[4]["end"] for step in steps])
+        seen[device] = [*(value.detach().cpu() for value in (*envs.state, rewards, slope)), ends.cpu()]
+    for on_host, on_gpu in zip(seen["cpu"][:-1], seen["cuda"][:-1], strict=True):
+        assert_near(on_gpu, on_host.numpy())
+    assert torch.equal(seen["cpu"][-1], seen["cuda"][-1])
+    assert (seen["cpu"][-1] > 0).any()
+
+
+@gpu
+@pytest.mark.filterwarnings("ignore")  # the compiler's own
+@pytest.mark.parametrize("compile", [False, True])
 @pytest.mark.parametrize("mode", MODES)
-def test_a_gpu_drives_the_same_and_is_not_waited_for(mode):
-    states, actions = random_states(), torch.from_numpy(random_actions())
-    on_host, on_gpu = (
-        TorchVectorEnv(LANE, CARS, device=device, autoreset_mode="Disabled") for device in ("cpu", "cuda")
-    )
-    for envs in (on_host, on_gpu):
-        envs.reset(options={"state": states, "direction": "left", "change_start": 0.5})
-    expected, seen = on_host.step(actions), on_gpu.step(actions.cuda())
-    assert_near(seen[1].cpu(), expected[1])
-    assert torch.equal(seen[4]["end"].cpu(), expected[4]["end"])
-    envs = TorchVectorEnv(STAB, 64, device="cuda", autoreset_mode=mode)
+def test_a_gpu_is_not_waited_for(mode, compile):
+    envs = TorchVectorEnv(STAB, 64, device="cuda", autoreset_mode=mode, compile=compile)
     envs.reset(seed=0)
     actions = torch.rand(64, 2, device="cuda")
-    torch.cuda.set_sync_debug_mode("error")
-    try:
+    with torch.no_grad():
         envs.step(actions)
-    finally:
-        torch.cuda.set_sync_debug_mode("default")
+        torch.cuda.set_sync_debug_mode("error")
+        try:
+            envs.step(actions)
+        finally:
+            torch.cuda.set_sync_debug_mode("default")
+
+
+@gpu
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("env_id", IDS)
+def test_compiled_cars_on_a_gpu_drive_as_on_the_host(env_id):
+    """The compiler may fuse what the source leaves open: near, not equal."""
+    seen = {}
+    for device, compile in (("cpu", False), ("cuda", True)):
+        envs = TorchVectorEnv(env_id, CARS, device=device, autoreset_mode="Disabled", compile=compile)
+        with torch.no_grad():
+            envs.reset(options={"state": random_states(), **({"direction": "left"} if env_id == LANE else {})})
+            envs.set_state({"change_start": 0.5} if env_id == LANE else {})
+            steps = [envs.step(torch.from_numpy(random_actions()).to(device)) for _ in range(3)]
+        seen[device] = [torch.stack([step[place].cpu() for step in steps]) for place in (1, 2)]
+    assert_near(seen["cuda"][0], seen["cpu"][0].numpy())
+    assert torch.equal(seen["cuda"][1], seen["cpu"][1])
 
 
 # Gradients
