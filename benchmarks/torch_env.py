@@ -27,6 +27,7 @@ from bicycle_env.files import write_json
 
 ENV_ID = "BicycleStab-v0"
 SIZES = (1, 64, 1024, 16384, 131072)
+ROUNDS = 3
 SHORTEST_ROUND = 0.3  # s
 
 
@@ -113,7 +114,7 @@ def main() -> int:
     parser.add_argument(
         "--devices", nargs="+", choices=("cpu", "cuda"), help="default: cpu, and cuda where there is one"
     )
-    parser.add_argument("--rounds", type=int, default=3, help="rounds, of which the best counts (default 3)")
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help="rounds, of which the best counts (default 3)")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     options = parser.parse_args()
     torch._inductor.config.force_disable_caches = True  # the first steps compile, whatever ran before
@@ -133,6 +134,8 @@ def main() -> int:
         chosen = f" --devices {' '.join(options.devices)}" if options.devices else ""
         if list(options.sizes) != list(SIZES):
             chosen += f" --sizes {' '.join(map(str, options.sizes))}"
+        if options.rounds != ROUNDS:
+            chosen += f" --rounds {options.rounds}"
         result = {
             "command": "python benchmarks/torch_env.py" + chosen,
             **provenance.collect(),

@@ -165,7 +165,15 @@ def one_car() -> str:
 
 
 def tensors() -> str:
-    result = read("torch_env.json")
+    return tensors_table("torch_env.json")
+
+
+def gpu() -> str:
+    return tensors_table("torch_env_gpu.json")
+
+
+def tensors_table(file: str) -> str:
+    result = read(file)
     sizes = list(result["rows"][0]["steps_per_second"])
     lines = [
         "| steps per second | " + " | ".join(f"{int(size):,} cars" for size in sizes) + " | first steps |",
@@ -176,7 +184,7 @@ def tensors() -> str:
         rates = " | ".join(f"{rate:,}" for rate in row["steps_per_second"].values())
         first = max(row["first_steps_seconds"].values())
         lines.append(f"| {how}, {row['device']}, {row['dtype']} | {rates} | {first:.1f} s |")
-    return "\n".join([*lines, "", made(result, f"one thread; GPU: {result['gpu']}. `results/torch_env.json`.")])
+    return "\n".join([*lines, "", made(result, f"one thread; GPU: {result['gpu']}. `results/{file}`.")])
 
 
 HEADROOM = {"shipped": "LQR as shipped", "tuned": "LQR tuned for it", "search": "found by search"}
@@ -222,6 +230,7 @@ TABLES = {
         vector,
         one_car,
         tensors,
+        gpu,
         headroom,
         headroom_return,
         controllers_stab,
