@@ -16,10 +16,12 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from bicycle_env.physics.actuators import Actuator, steer_rate
+from bicycle_env.physics.records import replaced
 from bicycle_env.physics.tires import Tire
 from bicycle_env.physics.vehicle import Vehicle
 
 GEOMETRIES = ("small_angle", "exact")
+STEERS = ("front_steer", "rear_steer")
 
 
 class CarState(NamedTuple):
@@ -159,19 +161,11 @@ def single_track(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, tupl
     """``rates(state, steer, car)`` for prescribed road-wheel angles: the steer in the state follows its input."""
     forces = xp.function(axles(xp, tire, geometry))
     path = xp.function(path_rates(xp, geometry))
+    steered = replaced(xp, CarState, STEERS)
 
     def rates(state: CarState, steer: tuple[Any, Any], car: Car) -> CarState:
         front_steer, rear_steer = steer
-        steered = CarState(
-            state.longitudinal_position,
-            state.lateral_position,
-            state.heading,
-            state.lateral_velocity,
-            state.yaw_rate,
-            front_steer,
-            rear_steer,
-        )
-        acting = forces(steered, car)
+        acting = forces(steered(state, front_steer, rear_steer), car)
         forward, sideways = path(state, car)
         still = 0.0 * state.front_steer
         return CarState(
@@ -191,19 +185,16 @@ def actuated_single_track(xp: Any, tire: Tire, geometry: str) -> Callable[[CarSt
     """``rates(state, command, car)``: the road wheels follow the two commands [rad] through their actuators."""
     body = xp.function(single_track(xp, tire, geometry))
     actuator = xp.function(steer_rate(xp))
+    steered = replaced(xp, CarState, STEERS)
 
     def rates(state: CarState, command: tuple[Any, Any], car: Car) -> CarState:
         front_command, rear_command = command
-        rate = body(state, (state.front_steer, state.rear_steer), car)
-        return CarState(
-            rate.longitudinal_position,
-            rate.lateral_position,
-            rate.heading,
-            rate.lateral_velocity,
-            rate.yaw_rate,
+        turning: CarState = steered(
+            body(state, (state.front_steer, state.rear_steer), car),
             actuator(state.front_steer, front_command, car.front_rate_limit, car.front_time_constant),
             actuator(state.rear_steer, rear_command, car.rear_rate_limit, car.rear_time_constant),
         )
+        return turning
 
     return rates
 

@@ -1,0 +1,37 @@
+"""Named tuples, field by field: the one place that knows how many fields a record has.
+
+numba makes no tuple of a varying number of elements, so what handles a record is written out as source here, once for
+its fields; a law that is bound this way runs on floats, arrays, tensors and symbols as any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+Law = Callable[..., Any]
+
+
+def _written(name: str, arguments: str, result: str, **scope: Any) -> Any:
+    """``def name(arguments): return result``, with these names around it."""
+    exec(f"def {name}({arguments}):\n    return {result}", scope)
+    return scope[name]
+
+
+def fieldwise(xp: Any, record: Any, law: Law, records: int, shared: int = 0) -> Law:
+    """``f(a, b, ..., x, ...) -> record``: `law` of each field's values.
+
+    The first `records` arguments are records; `shared` more are the same for all fields.
+    """
+    these = [f"r{k}" for k in range(records)]
+    more = [f"x{k}" for k in range(shared)]
+    values = (", ".join([*(f"{one}.{field}" for one in these), *more]) for field in record._fields)
+    result = ", ".join(f"law({each})" for each in values)
+    return xp.function(_written("fieldwise", ", ".join([*these, *more]), f"record({result})", record=record, law=law))
+
+
+def replaced(xp: Any, record: Any, names: tuple[str, ...]) -> Law:
+    """``f(a, x, ...) -> record``: the record with other values in the named fields, in their order."""
+    values = (f"x{names.index(field)}" if field in names else f"a.{field}" for field in record._fields)
+    arguments = ", ".join(["a", *(f"x{k}" for k in range(len(names)))])
+    return xp.function(_written("replaced", arguments, f"record({', '.join(values)})", record=record))
