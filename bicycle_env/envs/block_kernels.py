@@ -16,10 +16,11 @@ import numba
 import numpy as np
 
 from bicycle_env.envs import blocks
-from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, store
+from bicycle_env.envs.blocks import Kind, layout, shared_layout
 from bicycle_env.envs.draws import fetch, next_double
 from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import first_bit
+from bicycle_env.physics.records import reader, writer
 from bicycle_env.physics.single_track import Axles, axles
 from bicycle_env.physics.tires import Linear, Tire
 from bicycle_env.tasks.episode import Reference
@@ -62,11 +63,11 @@ def number_type(kind: Kind) -> Any:
     return numba.from_dtype(np.dtype(kind.dtype))
 
 
-@compiled.inlined
-def split(numbers: Any) -> Any:
-    """What all rows share, and the blocks."""
-    size = int(numbers[SIZE])
-    return numbers[:size], numbers[size:]
+class Pair(NamedTuple):
+    """One number per axle."""
+
+    front: Any
+    rear: Any
 
 
 class Episode(NamedTuple):
@@ -85,14 +86,13 @@ class Episode(NamedTuple):
 
 
 @functools.cache
-def _episode(kind: Kind) -> Episode:
+def episode_of(kind: Kind) -> Episode:
     xp, access, at = kind.xp, blocks.access(kind), layout(kind)
     task = kind.task
     uniforms, end_column = task.uniforms, at.end * kind.length
     start_law, reference = xp.function(task.start(xp)), xp.function(task.reference(xp))
     outside = xp.function(task.cost(xp))
     observe_law, preview_law = xp.function(task.observe(xp)), xp.function(task.preview(xp))
-    keep_route = store(xp, len(task.Route._fields), at.route, kind.length)
 
     def begin(block: Any, k: Any, shared: Any, drawn: Any, generator: Any) -> None:
         for j in range(uniforms):
@@ -100,7 +100,7 @@ def _episode(kind: Kind) -> Episode:
         state, route = start_law(drawn, access.world(block, k, shared))
         access.keep_state(block, k, state)
         access.keep_memory(block, k, (0.0, 0.0, 0.0, 0.0))
-        keep_route(block, k, route)
+        access.keep_route(block, k, route)
         block[k + end_column] = 0.0
 
     def cost(block: Any, k: Any, shared: Any) -> Any:
@@ -121,18 +121,18 @@ def _episode(kind: Kind) -> Episode:
 
 @functools.cache
 def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
-    xp, length, entries, access = kind.xp, kind.length, kind.entries, blocks.access(kind)
-    task, block_columns, episode = kind.task, layout(kind).width, _episode(kind)
+    xp, length, entries, access, place = kind.xp, kind.length, kind.entries, blocks.access(kind), shared_layout(kind)
+    task, block_columns, episode = kind.task, layout(kind).width, episode_of(kind)
     block_size, uniforms = block_columns * length, task.uniforms
     begin, advance, finish = (xp.function(law) for law in stages(xp, task, tire, geometry, reward))
-    times = preview_times(kind)
+    limit_at, times, shared_size = place.step_limit, place.times, place.whole
 
     # The scratch: a block, and after it what one step needs of each car.
     action_at, stage_at, result_at, waits_at, seen_at = (block_columns + k for k in (0, 4, 5, 7, 8))
     size = (seen_at + 2 * entries) * length
-    read_action, keep_action = columns(xp, Pair, action_at, length), store(xp, 2, action_at, length)
-    read_command, keep_command = columns(xp, Pair, action_at + 2, length), store(xp, 2, action_at + 2, length)
-    keep_result = store(xp, 2, result_at, length)
+    read_action, keep_action = reader(xp, Pair, action_at, length), writer(xp, 2, action_at, length)
+    read_command, keep_command = reader(xp, Pair, action_at + 2, length), writer(xp, 2, action_at + 2, length)
+    keep_result = writer(xp, 2, result_at, length)
     stage_column, reward_column, cost_column, waits_column, end_column, shown_column = (
         column * length
         for column in (stage_at, result_at, result_at + 1, waits_at, layout(kind).end, seen_at + entries)
@@ -156,9 +156,9 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
         first: Any,
         last: Any,
     ) -> int:
-        world, rows = split(numbers)
+        shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
         cars, axle = actions.shape[0], actions.shape[1] - 1
-        step_limit = world[STEP_LIMIT]
+        step_limit = shared_numbers[limit_at]
 
         # Before anything changes: are the actions good?
         taken = actions[first * length : last * length].reshape(-1)
@@ -172,7 +172,7 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
                     if not episode.is_over(rows[block_start : block_start + block_size], row % length, step_limit):
                         return BAD_ACTION
 
-        shared = access.shared(world)
+        shared = access.shared(shared_numbers)
         rules = shared.rules
         substeps = int(rules.substeps)
         scratch = np.zeros(size, rows.dtype)
@@ -251,12 +251,12 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
                 for j in range(len(seen_values)):
                     scratch[k + (seen_at + j) * length] = seen_values[j]
             for j in range(len(seen_values), entries):
-                time = world[times + j - len(seen_values)]
+                time = shared_numbers[times + j - len(seen_values)]
                 for k in range(length):
                     scratch[k + (seen_at + j) * length] = episode.preview(scratch, k, shared, time)
             shown = scratch[shown_column:].view(np.float32)
             for j in range(entries):
-                per_scale, bound = access.scaling(world, j)
+                per_scale, bound = access.scaling(shared_numbers, j)
                 for k in range(length):
                     value = scratch[k + (seen_at + j) * length]
                     shown[k + j * length] = access.entry(value, scratch, k, per_scale, bound, j)
@@ -301,14 +301,15 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
 
 
 @functools.cache
-def _beginning(kind: Kind) -> tuple[Any, Any]:
+def beginning(kind: Kind) -> tuple[Any, Any]:
     """``start`` and ``look``, the same for every tire, geometry and reward."""
-    length, entries, access, episode = kind.length, kind.entries, blocks.access(kind), _episode(kind)
-    block_size, uniforms, times = layout(kind).width * length, kind.task.uniforms, preview_times(kind)
+    length, entries, access, episode = kind.length, kind.entries, blocks.access(kind), episode_of(kind)
+    block_size, uniforms = layout(kind).width * length, kind.task.uniforms
+    times, shared_size = shared_layout(kind).times, shared_layout(kind).whole
 
     def start(numbers: Any, mask: Any, generators: Any) -> None:
-        world, rows = split(numbers)
-        shared = access.shared(world)
+        shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
+        shared = access.shared(shared_numbers)
         drawn = np.empty(uniforms)
         for row in range(len(mask)):
             if mask[row]:
@@ -316,8 +317,8 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
                 episode.begin(block, k, shared, drawn, generators[row])
 
     def look(numbers: Any, mask: Any, observation: Any, values: Any) -> None:
-        world, rows = split(numbers)
-        shared = access.shared(world)
+        shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
+        shared = access.shared(shared_numbers)
         for row in range(len(mask)):
             if mask[row]:
                 block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
@@ -326,8 +327,8 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
                     if j < len(seen_values):
                         value = seen_values[j]
                     else:
-                        value = episode.preview(block, k, shared, world[times + j - len(seen_values)])
-                    per_scale, bound = access.scaling(world, j)
+                        value = episode.preview(block, k, shared, shared_numbers[times + j - len(seen_values)])
+                    per_scale, bound = access.scaling(shared_numbers, j)
                     observation[row, j] = access.entry(value, block, k, per_scale, bound, j)
                 values[1, row] = episode.cost(block, k, shared)
 
@@ -339,40 +340,42 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
 
 
 @functools.cache
-def _measure(kind: Kind, tire: Tire, geometry: str) -> Any:
+def measuring(kind: Kind, tire: Tire, geometry: str) -> Any:
+    """``measure``."""
     xp, length, access = kind.xp, kind.length, blocks.access(kind)
-    block_size = layout(kind).width * length
+    block_size, shared_size = layout(kind).width * length, shared_layout(kind).whole
     axles_law = xp.function(axles(xp, tire, geometry))
     reference_law = xp.function(kind.task.reference(xp))
-    keep_acting = store(xp, len(Axles._fields), 0, 1)
-    keep_reference = store(xp, len(Reference._fields), len(Axles._fields), 1)
+    keep_acting = writer(xp, len(Axles._fields), 0, 1)
+    keep_reference = writer(xp, len(Reference._fields), len(Axles._fields), 1)
 
     def measure(numbers: Any, out: Any) -> None:
-        world, rows = split(numbers)
-        shared = access.shared(world)
+        shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
+        shared = access.shared(shared_numbers)
         for row in range(len(out)):
             block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
             state, mine = access.state(block, k), access.world(block, k, shared)
             keep_acting(out[row], 0, axles_law(state, mine.car))
             keep_reference(out[row], 0, reference_law(state, access.route(block, k), mine))
 
-    with announcements.progress(_label(kind, tire, geometry)):
+    with announcements.progress(label(kind, tire, geometry)):
         return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)
 
 
-def _label(kind: Kind, tire: Tire, geometry: str) -> str:
-    return (
-        f"{kind.task.name} for many cars with the {type(tire).__name__} tire, {geometry} geometry, "
-        f"{kind.dtype}, in blocks of {kind.length}" + (", each car with its own numbers" if kind.varied else "")
-    )
+def label(kind: Kind, tire: Tire, geometry: str) -> str:
+    """What is being compiled, in words."""
+    many = " for many cars" if kind.length > 1 else ""
+    blocks_of = f", {kind.dtype}, in blocks of {kind.length}" if many else ""
+    own = ", each car with its own numbers" if kind.varied else ""
+    return f"{kind.task.name}{many} with the {type(tire).__name__} tire, {geometry} geometry{blocks_of}{own}"
 
 
 def kernels(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Kernels:
     """Compile the functions of a combination, or load them from the cache on disk."""
 
     def measure(numbers: Any, out: Any) -> None:
-        _measure(kind, tire, geometry)(numbers, out)
+        measuring(kind, tire, geometry)(numbers, out)
 
-    with announcements.progress(_label(kind, tire, geometry)):
-        start, look = _beginning(kind)
+    with announcements.progress(label(kind, tire, geometry)):
+        start, look = beginning(kind)
         return Kernels(_step(kind, tire, geometry, reward), start, look, measure)

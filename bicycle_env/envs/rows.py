@@ -33,14 +33,13 @@ class Rows:
             for column, name in enumerate((*CarState._fields, *KEPT, "end", *kind.task.Route._fields), start=at.state)
         }
         shared = shared_numbers(
+            kind,
             first.car,
             first.rules,
             first.settings,
             first.observation_scale,
             first.observation_bound,
-            first.task.preview_times,
             math.inf if step_limit is None else step_limit,
-            dtype,
         )
         self.numbers = np.concatenate([shared, np.zeros(self.blocks * at.width * kind.length, dtype=dtype)])
         self._car = at.car

@@ -15,7 +15,8 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from bicycle_env.envs.fleet import ConfiguredFleet, keywords_of_id, registered_fleet
+from bicycle_env.envs.fleet import ConfiguredFleet
+from bicycle_env.envs.registered_fleet import keywords_of_id, registered_fleet
 from bicycle_env.envs.single_track_env import SingleTrackEnv
 from bicycle_env.envs.telemetry import telemetry as telemetry_of
 from bicycle_env.envs.time_limit import remark

@@ -15,8 +15,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from bicycle_env.envs import block_kernels, blocks
-from bicycle_env.envs.fleet import ONE_CAR, ConfiguredFleet, fleet_of
+from bicycle_env.envs.fleet import ConfiguredFleet
 from bicycle_env.envs.generators import Generators, checked_seeds
+from bicycle_env.envs.registered_fleet import ONE_CAR, fleet_of
 from bicycle_env.envs.rows import Rows, checked_mask, checked_start
 from bicycle_env.envs.single_track_env import FLOAT32, SingleTrackEnv, converted_action, keyword_names
 from bicycle_env.envs.telemetry import MEASURED, telemetry

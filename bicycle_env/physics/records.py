@@ -9,16 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-Law = Callable[..., Any]
 
-
-def _written(name: str, arguments: str, result: str, **scope: Any) -> Any:
-    """``def name(arguments): return result``, with these names around it."""
-    exec(f"def {name}({arguments}):\n    return {result}", scope)
+def _written(name: str, arguments: str, body: str, **scope: Any) -> Any:
+    """A function from its source, with these names around it."""
+    exec(f"def {name}({arguments}):\n    {body}", scope)
     return scope[name]
 
 
-def fieldwise(xp: Any, record: Any, law: Law, records: int, shared: int = 0) -> Law:
+def fieldwise(xp: Any, record: Any, law: Callable[..., Any], records: int, shared: int = 0) -> Any:
     """``f(a, b, ..., x, ...) -> record``: `law` of each field's values.
 
     The first `records` arguments are records; `shared` more are the same for all fields.
@@ -27,11 +25,25 @@ def fieldwise(xp: Any, record: Any, law: Law, records: int, shared: int = 0) -> 
     more = [f"x{k}" for k in range(shared)]
     values = (", ".join([*(f"{one}.{field}" for one in these), *more]) for field in record._fields)
     result = ", ".join(f"law({each})" for each in values)
-    return xp.function(_written("fieldwise", ", ".join([*these, *more]), f"record({result})", record=record, law=law))
+    return xp.function(
+        _written("fieldwise", ", ".join([*these, *more]), f"return record({result})", record=record, law=law)
+    )
 
 
-def replaced(xp: Any, record: Any, names: tuple[str, ...]) -> Law:
+def replaced(xp: Any, record: Any, names: tuple[str, ...]) -> Any:
     """``f(a, x, ...) -> record``: the record with other values in the named fields, in their order."""
     values = (f"x{names.index(field)}" if field in names else f"a.{field}" for field in record._fields)
     arguments = ", ".join(["a", *(f"x{k}" for k in range(len(names)))])
-    return xp.function(_written("replaced", arguments, f"record({', '.join(values)})", record=record))
+    return xp.function(_written("replaced", arguments, f"return record({', '.join(values)})", record=record))
+
+
+def reader(xp: Any, record: Any, first: int, stride: int) -> Any:
+    """``read(numbers, k) -> record``: of car k, each field `stride` numbers after the one before it."""
+    values = ", ".join(f"numbers[k + {(first + j) * stride}]" for j in range(len(record._fields)))
+    return xp.function(_written("read", "numbers, k", f"return record({values})", record=record))
+
+
+def writer(xp: Any, count: int, first: int, stride: int) -> Any:
+    """``write(numbers, k, values)``: the first `count` values, to where :func:`reader` finds them."""
+    lines = [f"numbers[k + {(first + j) * stride}] = values[{j}]" for j in range(count)]
+    return xp.function(_written("write", "numbers, k, values", "\n    ".join(lines or ["pass"])))
