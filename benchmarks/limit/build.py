@@ -15,7 +15,7 @@ import numpy as np
 
 from bicycle_env.envs import blocks
 from bicycle_env.envs.registered_fleet import registered_fleet
-from bicycle_env.physics.single_track import Car, CarState
+from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.tasks.episode import Rules
 from bicycle_env.tasks.stabilise import Stabilise
 
@@ -46,7 +46,7 @@ def layout_header(rows: int) -> str:
     kind = blocks.Kind(fleet.configuration.task, entries, rows, False, "float64")
     columns, shared = blocks.layout(kind), blocks.shared_layout(kind)
     names = [f"COLUMN_{name} = {k}" for k, name in enumerate((*CarState._fields, *blocks.KEPT, "end"), columns.state)]
-    names += [f"NUMBER_{name} = {k}" for k, name in enumerate(Car._fields, shared.car)]
+    names += [f"NUMBER_{name} = {k}" for k, name in enumerate(CarParameters._fields, shared.car)]
     names += [f"NUMBER_{name} = {k}" for k, name in enumerate(Rules._fields, shared.rules)]
     names += [f"NUMBER_STEP_LIMIT = {shared.step_limit}", f"NUMBER_PER_SCALE = {shared.scale}"]
     names += [f"NUMBER_BOUND = {shared.bound}", f"COLUMNS = {columns.width}", f"NUMBERS = {shared.whole}"]

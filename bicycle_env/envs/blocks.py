@@ -13,12 +13,12 @@ import numpy as np
 
 from bicycle_env.physics import compiled
 from bicycle_env.physics.records import reader, writer
-from bicycle_env.physics.single_track import Car, CarState
-from bicycle_env.tasks.episode import Memory, Rules, World
+from bicycle_env.physics.single_track import CarParameters, CarState
+from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.task import Task
 
 KEPT = ("front_steer_command", "rear_steer_command", "steps", "settled_steps")
-"""The numbers of Memory, without the route."""
+"""The numbers of EpisodeState, without the task's own."""
 
 ROW_COST = {4: 2.0, 8: 1.4, 64: 1.0}
 """Rows a block, and what a row costs in it, roughly: in a long block one row's work fills the waiting of another's.
@@ -58,7 +58,7 @@ class Layout(NamedTuple):
     kept: int
     end: int
     """The end code of the episode, 0 while it is running."""
-    route: int
+    task_state: int
     car: int
     """Car, settings and scales stand in the block only where rows differ in them."""
     settings: int
@@ -68,8 +68,8 @@ class Layout(NamedTuple):
 
 def layout(kind: Kind) -> Layout:
     """The columns of a block."""
-    sizes = [len(CarState._fields), len(KEPT), 1, len(kind.task.Route._fields)]
-    own = [len(Car._fields), len(kind.task.Settings._fields), kind.entries]
+    sizes = [len(CarState._fields), len(KEPT), 1, len(kind.task.TaskState._fields)]
+    own = [len(CarParameters._fields), len(kind.task.Settings._fields), kind.entries]
     return Layout(*_places([*sizes, *(size if kind.varied else 0 for size in own)]))
 
 
@@ -95,7 +95,14 @@ LINE = 16  # numbers: at least a cache line
 
 def shared_layout(kind: Kind) -> SharedLayout:
     """The places of what all rows share; the blocks follow."""
-    sizes = [1, len(Car._fields), len(Rules._fields), len(kind.task.Settings._fields), kind.entries, kind.entries]
+    sizes = [
+        1,
+        len(CarParameters._fields),
+        len(Rules._fields),
+        len(kind.task.Settings._fields),
+        kind.entries,
+        kind.entries,
+    ]
     *places, end = _places([*sizes, len(kind.task.preview_times)])
     return SharedLayout._make([*places, end + -end % LINE])
 
@@ -105,8 +112,9 @@ def _places(sizes: list[int]) -> list[int]:
     return [sum(sizes[:k]) for k in range(len(sizes) + 1)]
 
 
-def shared_numbers(kind: Kind, car: Car, rules: Rules, settings: Any, scale: Any, bound: Any, step_limit: float) -> Any:
+def shared_numbers(kind: Kind, world: World, scale: Any, bound: Any, step_limit: float) -> Any:
     """The array of :class:`SharedLayout`."""
+    car, rules, settings = world
     numbers = [step_limit, *car, *rules, *settings, *(1.0 / scale), *bound, *kind.task.preview_times]
     return np.array([*numbers, *[0.0] * (shared_layout(kind).whole - len(numbers))], dtype=kind.dtype)
 
@@ -120,16 +128,16 @@ class Access(NamedTuple):
     """``world(block, k, shared) -> World`` of a car."""
     state: Any
     """``state(block, k) -> CarState``."""
-    route: Any
-    """``route(block, k)``."""
-    memory: Any
-    """``memory(block, k) -> Memory``."""
+    task_state: Any
+    """``task_state(block, k)``."""
+    episode: Any
+    """``episode(block, k) -> EpisodeState``."""
     keep_state: Any
     """``keep_state(block, k, state)``."""
-    keep_memory: Any
-    """``keep_memory(block, k, memory)``: all but the route, which stays the same."""
-    keep_route: Any
-    """``keep_route(block, k, route)``."""
+    keep_episode: Any
+    """``keep_episode(block, k, episode)``: all but the task's own."""
+    keep_task_state: Any
+    """``keep_task_state(block, k, task_state)``."""
     scaling: Any
     """``scaling(numbers, j) -> (1 / scale, bound)`` of entry j of the observation, as all rows share them."""
     entry: Any
@@ -140,22 +148,24 @@ class Access(NamedTuple):
 def access(kind: Kind) -> Access:
     """Bind them for a kind."""
     xp, length, at, place = kind.xp, kind.length, layout(kind), shared_layout(kind)
-    Settings, Route = kind.task.Settings, kind.task.Route
-    shared_car, shared_rules = reader(xp, Car, place.car, 1), reader(xp, Rules, place.rules, 1)
+    Settings, TaskState = kind.task.Settings, kind.task.TaskState
+    shared_car, shared_rules = reader(xp, CarParameters, place.car, 1), reader(xp, Rules, place.rules, 1)
     shared_settings = reader(xp, Settings, place.settings, 1)
     scales, bounds = place.scale, place.bound
     kept = at.kept * length
-    route = reader(xp, Route, at.route, length)
+    task_state = reader(xp, TaskState, at.task_state, length)
 
     def shared(numbers: Any) -> World:
         return World(shared_car(numbers, 0), shared_rules(numbers, 0), shared_settings(numbers, 0))
 
-    def memory(block: Any, k: Any) -> Memory:
+    def episode(block: Any, k: Any) -> EpisodeState:
         j = k + kept
-        return Memory(block[j], block[j + length], block[j + 2 * length], block[j + 3 * length], route(block, k))
+        return EpisodeState(
+            block[j], block[j + length], block[j + 2 * length], block[j + 3 * length], task_state(block, k)
+        )
 
     if kind.varied:
-        own_car, own_settings = reader(xp, Car, at.car, length), reader(xp, Settings, at.settings, length)
+        own_car, own_settings = reader(xp, CarParameters, at.car, length), reader(xp, Settings, at.settings, length)
 
         def world(block: Any, k: Any, shared: Any) -> World:
             return World(own_car(block, k), shared.rules, own_settings(block, k))
@@ -184,11 +194,25 @@ def access(kind: Kind) -> Access:
         xp.function(shared),
         xp.function(world),
         reader(xp, CarState, at.state, length),
-        route,
-        xp.function(memory),
+        task_state,
+        xp.function(episode),
         writer(xp, len(CarState._fields), at.state, length),
         writer(xp, len(KEPT), at.kept, length),
-        writer(xp, len(Route._fields), at.route, length),
+        writer(xp, len(TaskState._fields), at.task_state, length),
         xp.function(scaling),
         xp.function(entry),
     )
+
+
+def keeper(kind: Kind) -> Any:
+    """``keep(block, k, episode)`` of what a control step changes: the task's own only where it remembers."""
+    own = access(kind)
+    if kind.task.remember(kind.xp) is None:
+        return own.keep_episode
+
+    def keep(block: Any, k: Any, episode: Any) -> None:
+        own_episode(block, k, episode)
+        own_task_state(block, k, episode.task_state)
+
+    own_episode, own_task_state = own.keep_episode, own.keep_task_state
+    return kind.xp.function(keep)

@@ -22,7 +22,7 @@ from bicycle_env.physics.integrators import check_timestep
 from bicycle_env.physics.linear_single_track import fastest_rate, state_matrix
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.simulate import resolve_geometry
-from bicycle_env.physics.single_track import Car, car_on_road
+from bicycle_env.physics.single_track import CarParameters, car_on_road
 from bicycle_env.physics.validation import checked_speed, choice, in_range, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks import rewards
@@ -75,7 +75,7 @@ class Configuration:
         return np.array([entry.bound for entry in self.observation_entries], dtype=np.float32)
 
     @property
-    def car(self) -> Car:
+    def car(self) -> CarParameters:
         """The numbers that the equations need."""
         return car_on_road(self.vehicle, self.speed, self.friction, self.front_actuator, self.rear_actuator)
 

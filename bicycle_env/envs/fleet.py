@@ -14,7 +14,7 @@ from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure, resolve_speed
 from bicycle_env.envs.told import Told, frozen, tell
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.single_track import Car, car_on_road
+from bicycle_env.physics.single_track import CarParameters, car_on_road
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.task import Task
 
@@ -36,7 +36,7 @@ class Fleet(NamedTuple):
     speed: float | Column
     """m/s."""
     friction: float | Column
-    car: Car
+    car: CarParameters
     """Of floats or columns."""
     settings: Any
     """The task's numbers, floats; those that depend on the speed are columns if varied."""
@@ -87,7 +87,7 @@ def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> F
 
     friction = column_of("friction", 1.0)
     speed = column_of("speed", 0.0).copy()
-    car = Car(*(np.empty(num_envs) for _ in Car._fields))
+    car = CarParameters(*(np.empty(num_envs) for _ in CarParameters._fields))
     for vehicle, rows in groups.items():
         if given["speed"] is None and given["speed_ratio"] is None:
             speed[rows] = resolve_speed(vehicle, None, None)
@@ -127,7 +127,7 @@ class ConfiguredFleet(Configured):
     def _adopt_fleet(self, fleet: Fleet) -> None:
         self._adopt(fleet.configuration)
         own = {name: frozen(getattr(fleet, name)) for name in ("vehicle", "speed", "friction", "observation_scale")}
-        car, settings = Car(*map(frozen, fleet.car)), type(fleet.settings)(*map(frozen, fleet.settings))
+        car, settings = CarParameters(*map(frozen, fleet.car)), type(fleet.settings)(*map(frozen, fleet.settings))
         tell(self, fleet=fleet._replace(car=car, settings=settings, **own), **own)
 
     @property

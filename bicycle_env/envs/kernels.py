@@ -17,8 +17,8 @@ from bicycle_env.envs.block_kernels import BAD_ACTION
 from bicycle_env.envs.blocks import Kind, shared_layout
 from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.tires import Tire
+from bicycle_env.tasks.control_step import transition
 from bicycle_env.tasks.rewards import Reward
-from bicycle_env.tasks.transition import transition
 
 
 class Kernels(NamedTuple):
@@ -33,8 +33,9 @@ class Kernels(NamedTuple):
 
 @functools.cache
 def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
-    xp, access, episode, place = kind.xp, blocks.access(kind), block_kernels.episode_of(kind), shared_layout(kind)
+    xp, access, car, place = kind.xp, blocks.access(kind), block_kernels.car_functions(kind), shared_layout(kind)
     step_law = xp.function(transition(xp, kind.task, tire, geometry, reward))
+    keep_after = blocks.keeper(kind)
     size, times, entries = place.whole, place.times, kind.entries
 
     def step(numbers: Any, observation: Any, front: float, rear: float) -> tuple[float, int, float]:
@@ -44,19 +45,19 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
         shared = access.shared(shared_numbers)
         front = min(max(front, -1.0), 1.0) * shared.rules.steers_front
         rear = min(max(rear, -1.0), 1.0) * shared.rules.steers_rear
-        state, memory, gained, end, cost = step_law(
-            access.state(block, 0), access.memory(block, 0), (front, rear), shared, int(shared.rules.substeps)
+        state, episode, gained, end, cost = step_law(
+            access.state(block, 0), access.episode(block, 0), (front, rear), shared, int(shared.rules.substeps)
         )
         access.keep_state(block, 0, state)
-        access.keep_memory(block, 0, memory)
-        values = episode.observe(block, 0, shared)
+        keep_after(block, 0, episode)
+        values = car.observe(block, 0, shared)
         fixed = len(values)
         for j in range(fixed):
             per_scale, bound = access.scaling(shared_numbers, j)
             observation[j] = access.entry(values[j], block, 0, per_scale, bound, j)
         for j in range(fixed, entries):
             per_scale, bound = access.scaling(shared_numbers, j)
-            ahead = episode.preview(block, 0, shared, shared_numbers[times + j - fixed])
+            ahead = car.preview(block, 0, shared, shared_numbers[times + j - fixed])
             observation[j] = access.entry(ahead, block, 0, per_scale, bound, j)
         return gained, end, cost
 

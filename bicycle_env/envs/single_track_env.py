@@ -36,7 +36,7 @@ RENDER_MODES = ("human", "rgb_array")
 FLOAT32 = np.dtype(np.float32)
 ONE = np.ones(1, dtype=np.bool_)
 STEPS, SETTLED = (len(CarState._fields) + KEPT.index(name) for name in ("steps", "settled_steps"))
-ROUTE = len(CarState._fields) + len(KEPT) + 1
+TASK_STATE = len(CarState._fields) + len(KEPT) + 1
 """Where the episode's numbers stand."""
 
 
@@ -154,8 +154,8 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         if given:
             if state is not None:
                 self._episode[:STEPS] = [state[name] for name in self.task.State._fields[:STEPS]]
-            route = self.task.Route(*self._episode[ROUTE:])
-            self._episode[ROUTE:] = self.task.route_with(route, changes, self.speed)
+            task_state = self.task.TaskState(*self._episode[TASK_STATE:])
+            self._episode[TASK_STATE:] = self.task.task_state_with(task_state, changes, self.speed)
         observation, cost = self._look()
         self._end_code = 0
         self._warned = False
@@ -218,7 +218,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     def state(self) -> Any:
         """The present state as a named tuple of floats, SI units."""
         values = self._episode.tolist()
-        return self.task.State(*values[:STEPS], values[STEPS] * self.control_timestep, *values[ROUTE:])
+        return self.task.State(*values[:STEPS], values[STEPS] * self.control_timestep, *values[TASK_STATE:])
 
     @state.setter
     def state(self, _value: Any) -> None:

@@ -6,15 +6,15 @@ from collections.abc import Callable
 from typing import Any
 
 from bicycle_env.physics.records import fieldwise
-from bicycle_env.physics.single_track import Car, CarState
+from bicycle_env.physics.single_track import CarParameters, CarState
 
 STABILITY_LIMIT = 2.5
 """Largest timestep x |eigenvalue| accepted. RK4's own limit: 2.785 on the negative real axis, 2.83 on the imaginary."""
 
-Rates = Callable[[CarState, Any, Car], CarState]
+Rates = Callable[[CarState, Any, CarParameters], CarState]
 
 
-def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, Car, Any], CarState]:
+def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, CarParameters, Any], CarState]:
     """``advance(state, at_start, at_middle, at_end, car, timestep)``: one step, the input given at its three times."""
     rates = xp.function(rates)
 
@@ -28,7 +28,9 @@ def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, Car, Any], 
     along = fieldwise(xp, CarState, xp.function(moved), 2, 1)
     weigh = fieldwise(xp, CarState, xp.function(six_times_mean), 4)
 
-    def advance(state: CarState, at_start: Any, at_middle: Any, at_end: Any, car: Car, timestep: Any) -> CarState:
+    def advance(
+        state: CarState, at_start: Any, at_middle: Any, at_end: Any, car: CarParameters, timestep: Any
+    ) -> CarState:
         half = 0.5 * timestep
         k1 = rates(state, at_start, car)
         k2 = rates(along(state, k1, half), at_middle, car)

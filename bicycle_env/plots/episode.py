@@ -111,7 +111,7 @@ def _roads(plant: Any, driven: list[Columns]) -> list[Road]:
     """The different roads that the runs were on; a run that does not say where its task's path was has none."""
     roads: dict[tuple[float, ...], Road] = {}
     for run in driven:
-        if all(name in run for name in plant.task.Route._fields):
+        if all(name in run for name in plant.task.TaskState._fields):
             road = Road(plant, run)
             roads.setdefault(road.route, road)
     return list(roads.values())

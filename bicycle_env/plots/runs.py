@@ -69,7 +69,7 @@ class Road:
         self._task = env.task
         car = car_on_road(env.vehicle, env.speed, env.friction, env.front_actuator, env.rear_actuator)
         self._world = World(car, env.rules, env.task.settings(env.speed))
-        self.route = tuple(float(run[name][0]) for name in env.task.Route._fields)
+        self.route = tuple(float(run[name][0]) for name in env.task.TaskState._fields)
         """What the task drew at the start of the run."""
         centre = float(self._reference(0.0).road_centre)
         half = float(env.rules.road_half_width)
@@ -86,4 +86,4 @@ class Road:
     def _reference(self, longitudinal_position: Any) -> Any:
         zeros = dict.fromkeys(CarState._fields, 0.0 * np.asarray(longitudinal_position))
         state = CarState(**{**zeros, "longitudinal_position": np.asarray(longitudinal_position)})
-        return self._task.reference(NUMPY)(state, self._task.Route(*self.route), self._world)
+        return self._task.reference(NUMPY)(state, self._task.TaskState(*self.route), self._world)

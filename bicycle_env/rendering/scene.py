@@ -248,13 +248,13 @@ def _travel(setup: Setup, state: Any) -> Arrow:
 def _path(setup: Setup, state: Any, left: float, right: float) -> tuple[Shape, ...]:
     """The reference path in dashes that stay where they are on the road."""
     task = setup.task
-    route = task.Route(*state[len(state) - len(task.Route._fields) :])
+    task_state = task.TaskState(*state[len(state) - len(task.TaskState._fields) :])
     first = math.floor(left / PATH_SPACING) - 2 * PATH_DASH
     first -= first % (2 * PATH_DASH)
     samples = np.arange(first, math.ceil(right / PATH_SPACING) + 1)
     xs = samples * PATH_SPACING
     car = CarState(*state[: len(CarState._fields)])._replace(longitudinal_position=xs)
-    reference = task.reference(NUMPY)(car, route, setup.world)
+    reference = task.reference(NUMPY)(car, task_state, setup.world)
     ys = np.broadcast_to(reference.lateral_position, xs.shape)
     points = list(zip(xs.tolist(), ys.tolist(), strict=True))
     return tuple(tuple(points[k : k + PATH_DASH + 1]) for k in range(0, len(points) - PATH_DASH, 2 * PATH_DASH))

@@ -16,7 +16,7 @@ from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.presets import vehicles
 from bicycle_env.physics.single_track import CarState, car_on_road
-from bicycle_env.tasks.episode import Memory, Reference, World
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
 
@@ -54,11 +54,13 @@ def _check_value(kind: str, value: Any) -> None:
 @functools.cache
 def _check_task(task: Task) -> None:
     name = type(task).__name__
-    fields = (*CarState._fields, *COMMANDS, "time", *task.Route._fields)
+    fields = (*CarState._fields, *COMMANDS, "time", *task.TaskState._fields)
     if task.State._fields != fields:
         raise ValueError(f"task {name}: State must have the fields {', '.join(fields)}, got {task.State._fields}")
-    if not set(task.flipped or ()) <= set(task.Route._fields):
-        raise ValueError(f"task {name}: flipped must be names of Route, {task.Route._fields}, got {task.flipped}")
+    if not set(task.flipped or ()) <= set(task.TaskState._fields):
+        raise ValueError(
+            f"task {name}: flipped must be names of TaskState, {task.TaskState._fields}, got {task.flipped}"
+        )
     for reward in ("default", "quadratic"):
         if not isinstance(task.rewards.get(reward), Reward):
             raise ValueError(f"task {name}: rewards must hold a Reward for {reward!r}, got {task.rewards!r}")
@@ -87,11 +89,14 @@ def _check_reward(task: Task, reward: Reward) -> None:
         zero = 0.0 * place.heading
         found = []
         for side in (1.0, -1.0) if task.flipped is not None else (1.0,):
-            here, route = _mirrored(place, side, CarState._fields[1:]), _mirrored(way, side, task.flipped or ())
-            action, memory = (side * (zero + 0.3),) * 2, Memory(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, route)
-            wanted = reference(here, route, world)
+            here, task_state = _mirrored(place, side, CarState._fields[1:]), _mirrored(way, side, task.flipped or ())
+            action, episode = (
+                (side * (zero + 0.3),) * 2,
+                EpisodeState(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, task_state),
+            )
+            wanted = reference(here, task_state, world)
             given = 0.0 * zero if before is None else before(here, wanted, action, world)
-            found += [law(here, wanted, action, memory, given, code, world) for code in (0 * zero, 0 * zero + 1)]
+            found += [law(here, wanted, action, episode, given, code, world) for code in (0 * zero, 0 * zero + 1)]
         if task.flipped is not None and not np.array_equal(found[:2], found[2:]):
             raise ValueError(
                 f"reward {name}: it is another one for the mirror image, {found[2:]} instead of {found[:2]}"
@@ -113,18 +118,18 @@ def _check_laws(task: Task, name: str, world: World) -> None:
     start, reference, observe, preview = map(law_of, ("start", "reference", "observe", "preview"))
     end, success, cost = map(law_of, ("end", "success", "cost"))
     uniforms = np.random.default_rng(0).random((task.uniforms, 2))
-    state, route = start(uniforms, world)
-    _must_be(CarState, state, f"task {name}: its law 'start' must return (CarState, Route); the first")
-    _must_be(task.Route, route, f"task {name}: its law 'start' must return (CarState, Route); the second")
+    state, task_state = start(uniforms, world)
+    _must_be(CarState, state, f"task {name}: its law 'start' must return (CarState, TaskState); the first")
+    _must_be(task.TaskState, task_state, f"task {name}: its law 'start' must return (CarState, TaskState); the second")
     for place in (state, *PLACES):
         found = []
         for side in (1.0, -1.0) if task.flipped is not None else (1.0,):
-            here, way = _mirrored(place, side, CarState._fields[1:]), _mirrored(route, side, task.flipped or ())
+            here, way = _mirrored(place, side, CarState._fields[1:]), _mirrored(task_state, side, task.flipped or ())
             zero = 0.0 * here.heading
-            memory = Memory(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, way)
+            episode = EpisodeState(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, way)
             wanted = reference(here, way, world)
             _must_be(Reference, wanted, f"task {name}: its law 'reference'")
-            values = observe(here, memory, world)
+            values = observe(here, episode, world)
             if len(values) != seen:
                 raise ValueError(
                     f"task {name}: its law 'observe' must return a value for each of the {seen} entries that are no "

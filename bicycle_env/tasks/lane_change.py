@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, number, positive
 from bicycle_env.tasks import rewards
-from bicycle_env.tasks.episode import Memory, Reference, Rules, World
+from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
 from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car
 
 SIDES = {"left": 1.0, "right": -1.0}
@@ -69,7 +69,7 @@ class LaneChange(Task):
 
     name = "lane_change"
     episode_steps = 300
-    Route = Route
+    TaskState = Route
     Settings = Path
     State = LaneChangeState
     uniforms = 4
@@ -181,9 +181,9 @@ class LaneChange(Task):
         car = xp.function(observed_car(xp))
         reference_law = xp.function(self.reference(xp))
 
-        def observe(state: CarState, memory: Memory, world: World) -> tuple[Any, ...]:
-            reference = reference_law(state, memory.route, world)
-            seen: tuple[Any, ...] = car(state, memory)
+        def observe(state: CarState, episode: EpisodeState, world: World) -> tuple[Any, ...]:
+            reference = reference_law(state, episode.task_state, world)
+            seen: tuple[Any, ...] = car(state, episode)
             errors = (state.lateral_position - reference.lateral_position, state.heading - reference.heading)
             return seen + errors
 
@@ -210,7 +210,7 @@ class LaneChange(Task):
             ),
         )
 
-    def route_with(self, route: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
+    def task_state_with(self, route: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
         if "direction" in numbers:
             route = route._replace(direction=numbers["direction"])
         if "change_start" in numbers:
