@@ -15,7 +15,7 @@ import numpy as np
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.presets import vehicles
-from bicycle_env.physics.single_track import CarState, car_on_road
+from bicycle_env.physics.single_track import CarParameters, CarState, car_on_road
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
@@ -117,6 +117,7 @@ def _check_laws(task: Task, name: str, world: World) -> None:
 
     start, reference, observe, preview = map(law_of, ("start", "reference", "observe", "preview"))
     end, success, cost = map(law_of, ("end", "success", "cost"))
+    changes, changing = _changes(task, name, world)
     uniforms = np.random.default_rng(0).random((task.uniforms, 2))
     state, task_state = start(uniforms, world)
     _must_be(CarState, state, f"task {name}: its law 'start' must return (CarState, TaskState); the first")
@@ -142,14 +143,46 @@ def _check_laws(task: Task, name: str, world: World) -> None:
                 np.array(value) * (sign if side < 0.0 else 1.0)
                 for value, sign in zip((*values, *ahead), mirror, strict=True)
             )
-            found.append([*signed, *map(np.array, judged)])
-        labels = [*(f"entry {entry!r}" for entry in names), "law 'end'", "law 'success'", "law 'cost'"]
+            found.append([*signed, *map(np.array, (*judged, *changes(here, episode, side)))])
+        labels = [*(f"entry {entry!r}" for entry in names), "law 'end'", "law 'success'", "law 'cost'", *changing]
         for label, left, right in zip(labels, found[0], found[-1], strict=True):
             if not np.array_equal(left, right):
                 raise ValueError(
                     f"task {name}: its {label} is another one for the mirror image, {right} instead of {left}; give "
                     "the entry its `mirror`, name what changes sign in `flipped`, or set it to None"
                 )
+
+
+def _changes(task: Task, name: str, world: World) -> tuple[Callable[..., Any], list[str]]:
+    """What happens to the car and is remembered, as its mirror image would have it; and what each number is."""
+
+    def law_of(law: str, constants: bool = False) -> Any:
+        bound = getattr(task, law)(NUMPY)
+        return None if bound is None else _tried(f"task {name}: its law {law!r}", bound, constants)
+
+    command, conditions, remember = law_of("command"), law_of("conditions", True), law_of("remember", True)
+
+    def changes(state: CarState, episode: EpisodeState, side: float) -> list[Any]:
+        zero = 0.0 * state.heading
+        action = (side * (zero + 0.3), side * (zero - 0.2))
+        sent = command(state, episode, action, world)
+        if not isinstance(sent, tuple) or len(sent) != 2:
+            raise ValueError(f"task {name}: its law 'command' must return (front, rear), got {sent!r}")
+        values = [side * value for value in sent]
+        if conditions is not None:
+            car = conditions(state, episode, 0.06 + zero, world)
+            _must_be(CarParameters, car, f"task {name}: its law 'conditions'")
+            values += _mirrored(car, side, ("side_force",))
+        if remember is not None:
+            own = remember(state, episode, action, world)
+            _must_be(task.TaskState, own, f"task {name}: its law 'remember'")
+            values += _mirrored(own, side, task.flipped or ())
+        return values
+
+    labels = ["law 'command'"] * 2
+    labels += ["law 'conditions'"] * len(CarParameters._fields) if conditions is not None else []
+    labels += ["law 'remember'"] * len(task.TaskState._fields) if remember is not None else []
+    return changes, labels
 
 
 def _check_ends(name: str, task: Task, code: Any) -> None:
@@ -167,8 +200,11 @@ def _mirrored(record: Any, side: float, names: tuple[str, ...]) -> Any:
     return record._replace(**{name: side * getattr(record, name) for name in names})
 
 
-def _tried(label: str, law: Callable[..., Any]) -> Callable[..., Any]:
-    """The law, with errors in one line: it must give one finite number per car, whichever stands beside it."""
+def _tried(label: str, law: Callable[..., Any], constants: bool = False) -> Callable[..., Any]:
+    """The law, with errors in one line: it must give one finite number per car, whichever stands beside it.
+
+    `constants`: or one for all cars.
+    """
 
     def tried(*arguments: Any) -> Any:
         try:
@@ -177,6 +213,8 @@ def _tried(label: str, law: Callable[..., Any]) -> Callable[..., Any]:
         except Exception as error:
             raise ValueError(f"{label} fails on two cars at once ({_words(error)})") from error
         for name, both, first, second in zip(_names(value), _flat(value), *map(_flat, alone), strict=True):
+            if constants and np.ndim(both) == 0 and np.isfinite(both):
+                continue
             if np.shape(both) != (2,) or not np.all(np.isfinite(both)):
                 raise ValueError(f"{label} must give one finite number per car, got {name}{both!r} for two")
             if not np.array_equal(both, [first[0], second[1]]):
