@@ -6,10 +6,13 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, number, positive
 from bicycle_env.tasks import rewards
 from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
+from bicycle_env.tasks.metrics import SHARED, Metric, Run
 from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car
 
 SIDES = {"left": 1.0, "right": -1.0}
@@ -131,6 +134,19 @@ class LaneChange(Task):
     def preview_times(self) -> tuple[float, ...]:
         return tuple(self.preview_spacing * (k + 1) for k in range(int(self._points)))
 
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        return (
+            *SHARED,
+            Metric("overshoot", "m", "how far beyond the new lane's middle", overshoot),
+            Metric(
+                "settling_time",
+                "s",
+                "from the start of the change until |y error| stays below the tolerance; none without success",
+                settling_time,
+            ),
+        )
+
     def settings(self, speed: float) -> Path:
         early, late = (0.5, 1.5) if self.change_start is None else (self.change_start, self.change_start)
         return Path(
@@ -216,6 +232,20 @@ class LaneChange(Task):
         if "change_start" in numbers:
             route = route._replace(change_start=speed * numbers["change_start"])
         return route
+
+
+def overshoot(run: Run) -> float:
+    """m."""
+    return max(0.0, float(np.max(run.steps["direction"] * run.steps["goal_error"])))
+
+
+def settling_time(run: Run) -> float | None:
+    """s, or None without success."""
+    if not run.success:
+        return None
+    unsettled = np.abs(run.steps["goal_error"]) >= run.world.rules.lateral_tolerance
+    last = float(np.max(run.steps["time"][unsettled], initial=0.0))
+    return last - float(run.steps["change_start"][-1] / run.world.car.speed)
 
 
 def quintic_path(xp: Any) -> Any:

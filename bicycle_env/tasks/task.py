@@ -16,6 +16,7 @@ from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, known_keys, number
 from bicycle_env.tasks.ends import corner_outside, end_code, settled
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
+from bicycle_env.tasks.metrics import SHARED, Metric
 from bicycle_env.tasks.rewards import Reward
 
 
@@ -80,6 +81,11 @@ class Task(abc.ABC):
     def preview_times(self) -> tuple[float, ...]:
         """Look-ahead times of the preview in the observation, s."""
         return ()
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """The figures of an episode beside success, end and return."""
+        return SHARED
 
     @property
     def end_names(self) -> tuple[str, ...]:
