@@ -32,7 +32,7 @@ def test_the_command_prints_a_table_and_writes_a_file(tmp_path):
     out = tmp_path / "figures.json"
     done = command("agents.evaluate", "--episodes", "5", "--policy", "lqr", "preview+sano", "--json", str(out))
     assert done.returncode == 0, done.stderr
-    for word in ("lqr", "preview+sano", "success", "return", "slip [deg]", "effort [deg]", "95 % interval"):
+    for word in ("lqr", "preview+sano", "success", "return", "sideslip", "steering", "[deg]", "95 % interval"):
         assert word in done.stdout
     content = json.loads(out.read_text())
     assert content["policies"]["lqr"]["episodes"] == 5
