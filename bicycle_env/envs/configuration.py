@@ -28,6 +28,7 @@ from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks import rewards
 from bicycle_env.tasks.checking import check, check_reward
 from bicycle_env.tasks.episode import Rules
+from bicycle_env.tasks.options import altered
 from bicycle_env.tasks.rewards import Quadratic, Reward
 from bicycle_env.tasks.task import SETTLED_SECONDS, Entry, Task
 
@@ -209,12 +210,18 @@ def configure(
     physics_timestep: float,
     reward: str | Reward | Mapping[str, Any],
     horizon: int | None,
+    randomise: Mapping[str, Any] | None = None,
+    disturbances: Any = (),
+    driver: Any = None,
+    action_delay: int = 0,
+    observation_delay: int = 0,
     time_limit: int | None = None,
 ) -> Configuration:
     """Check every keyword; ValueError or TypeError names a bad one, its value and what is allowed.
 
     `time_limit`: steps of an episode, the default of the horizon; None where it is not known or there is none.
     """
+    task = altered(task, randomise, disturbances, driver, action_delay, observation_delay)
     check(task)
     vehicle = resolve_vehicle(vehicle)
     tire = tires.resolve(tire)

@@ -79,6 +79,11 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         physics_timestep: float = 0.004,
         reward: str | Reward | Mapping[str, Any] = "default",
         horizon: int | None = None,
+        randomise: Mapping[str, Any] | None = None,
+        disturbances: Any = (),
+        driver: Any = None,
+        action_delay: int = 0,
+        observation_delay: int = 0,
         telemetry: bool = False,
         render_mode: str | None = None,
         **task_keywords: Any,
@@ -98,6 +103,11 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             physics_timestep=physics_timestep,
             reward=reward,
             horizon=horizon,
+            randomise=randomise,
+            disturbances=disturbances,
+            driver=driver,
+            action_delay=action_delay,
+            observation_delay=observation_delay,
         )
         self._adopt(configuration)
         tell(self, telemetry=flag("telemetry", telemetry))
@@ -116,7 +126,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._end_names = configuration.end_names
         self._end_code = BAD_ACTION  # not yet reset
         self._warned = False
-        self._plain = not self.telemetry and self.render_mode != "human"
+        self._plain = not self.telemetry and not self.task.told and self.render_mode != "human"
         self._viewer: Any = None
         self._bind()
 
@@ -274,6 +284,9 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     def _info(self, cost: float) -> dict[str, Any]:
         info: dict[str, Any] = {"end": self.end, "cost": cost}
+        if self.task.told:
+            state = self.state
+            info |= {name: getattr(state, name) for name in self.task.told}
         if self.telemetry:
             info |= telemetry(self.state, self.measure(), self._car)
             info["is_success"] = self.is_success

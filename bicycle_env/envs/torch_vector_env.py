@@ -337,6 +337,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         episodes = self._begun("observing")
         observation, cost = self._kernels.look(episodes)
         info = {"end": episodes.end.clone(), "cost": cost, "is_success": self._success(episodes)}
+        info |= {name: getattr(episodes.episode.task_state, name).clone() for name in self.task.told}
         if self.telemetry:
             info = {**telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.car), **info}
         return observation, info

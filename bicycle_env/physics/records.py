@@ -6,7 +6,9 @@ its fields; a law that is bound this way runs on floats, arrays, tensors and sym
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections import namedtuple
+from collections.abc import Callable, Sequence
 from typing import Any
 
 
@@ -47,3 +49,43 @@ def writer(xp: Any, count: int, first: int, stride: int) -> Any:
     """``write(numbers, k, values)``: the first `count` values, to where :func:`reader` finds them."""
     lines = [f"numbers[k + {(first + j) * stride}] = values[{j}]" for j in range(count)]
     return xp.function(_written("write", "numbers, k, values", "\n    ".join(lines or ["pass"])))
+
+
+def field(xp: Any, name: str) -> Any:
+    """``f(a) -> a.name``."""
+    return xp.function(_written("field", "a", f"return a.{name}"))
+
+
+def merged(xp: Any, record: Any, names: tuple[str, ...]) -> Any:
+    """``f(a, b) -> record``: the named fields from b, the others from a."""
+    values = (f"{'b' if name in names else 'a'}.{name}" for name in record._fields)
+    return xp.function(_written("merged", "a, b", f"return record({', '.join(values)})", record=record))
+
+
+@functools.cache
+def record_of(names: tuple[str, ...]) -> Any:
+    """A named-tuple class with these fields; the same one for the same names."""
+    return namedtuple("Record", names)
+
+
+def joined(xp: Any, record: Any, first: Any, second: Any) -> Any:
+    """``f(a, b) -> record``: the fields of a `first`, then those of a `second`."""
+    values = [*(f"a.{name}" for name in first._fields), *(f"b.{name}" for name in second._fields)]
+    return xp.function(_written("joined", "a, b", f"return record({', '.join(values)})", record=record))
+
+
+def part(xp: Any, record: Any) -> Any:
+    """``f(a) -> record``: those fields of a larger record."""
+    values = ", ".join(f"a.{name}" for name in record._fields)
+    return xp.function(_written("part", "a", f"return record({values})", record=record))
+
+
+def composed(xp: Any, record: Any, values: Sequence[str], arguments: str, **laws: Any) -> Any:
+    """``f(arguments) -> record``: each field from an expression of the arguments and of laws, by their names."""
+    scope = {name: xp.function(law) for name, law in laws.items()}
+    return xp.function(_written("composed", arguments, f"return record({', '.join(values)})", record=record, **scope))
+
+
+def sequence(xp: Any, values: Sequence[str], arguments: str) -> Any:
+    """``f(arguments) -> tuple``, each value from an expression of the arguments."""
+    return xp.function(_written("sequence", arguments, f"return ({''.join(f'{value}, ' for value in values)})"))

@@ -68,8 +68,8 @@ class CarParameters(NamedTuple):
     body_width: Any
     side_force: Any
     """A gust, N to the left; acts only where a task has conditions."""
-    side_force_arm: Any
-    """Where it acts, m before the centre of mass."""
+    yaw_moment: Any
+    """N m: its force times its lever arm before the centre of mass."""
 
 
 class Axles(NamedTuple):
@@ -107,7 +107,7 @@ def car_on_road(vehicle: Vehicle, speed: float, friction: float, front: Actuator
         rear_extent=vehicle.rear_extent,
         body_width=vehicle.body_width,
         side_force=0.0,
-        side_force_arm=0.0,
+        yaw_moment=0.0,
     )
 
 
@@ -147,7 +147,7 @@ def axles(xp: Any, tire: Tire, geometry: str, pushed: bool = False) -> Callable[
 
 
 def side_force(xp: Any, pushed: bool) -> Any:
-    """``push(acting, car, 1 / mass, 1 / inertia) -> Axles``: the accelerations with the side force, where one acts."""
+    """``push(acting, car, 1 / mass, 1 / inertia) -> Axles``: the accelerations with the side force and its moment."""
     accelerated = replaced(xp, Axles, ("lateral_acceleration", "yaw_acceleration"))
 
     def nothing(acting: Axles, _car: CarParameters, _per_mass: Any, _per_inertia: Any) -> Axles:
@@ -157,7 +157,7 @@ def side_force(xp: Any, pushed: bool) -> Any:
         more: Axles = accelerated(
             acting,
             xp.multiply_add(car.side_force, per_mass, acting.lateral_acceleration),
-            xp.multiply_add(car.side_force, car.side_force_arm * per_inertia, acting.yaw_acceleration),
+            xp.multiply_add(car.yaw_moment, per_inertia, acting.yaw_acceleration),
         )
         return more
 

@@ -165,21 +165,23 @@ def _changes(task: Task, name: str, world: World) -> tuple[Callable[..., Any], l
     def changes(state: CarState, episode: EpisodeState, side: float) -> list[Any]:
         zero = 0.0 * state.heading
         action = (side * (zero + 0.3), side * (zero - 0.2))
-        sent = command(state, episode, action, world)
-        if not isinstance(sent, tuple) or len(sent) != 2:
-            raise ValueError(f"task {name}: its law 'command' must return (front, rear), got {sent!r}")
-        values = [side * value for value in sent]
+        values = []
+        if command is not None:
+            sent = command(state, episode, action, world)
+            if not isinstance(sent, tuple) or len(sent) != 2:
+                raise ValueError(f"task {name}: its law 'command' must return (front, rear), got {sent!r}")
+            values += [side * value for value in sent]
         if conditions is not None:
             car = conditions(state, episode, 0.06 + zero, world)
             _must_be(CarParameters, car, f"task {name}: its law 'conditions'")
-            values += _mirrored(car, side, ("side_force",))
+            values += _mirrored(car, side, ("side_force", "yaw_moment"))
         if remember is not None:
             own = remember(state, episode, action, world)
             _must_be(task.TaskState, own, f"task {name}: its law 'remember'")
             values += _mirrored(own, side, task.flipped or ())
         return values
 
-    labels = ["law 'command'"] * 2
+    labels = ["law 'command'"] * 2 if command is not None else []
     labels += ["law 'conditions'"] * len(CarParameters._fields) if conditions is not None else []
     labels += ["law 'remember'"] * len(task.TaskState._fields) if remember is not None else []
     return changes, labels

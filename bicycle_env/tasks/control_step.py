@@ -36,7 +36,7 @@ def parts(xp: Any, task: Task, tire: Tire, geometry: str, reward: Reward) -> Par
     """The parts of :func:`transition`."""
     pushed = task.conditions(xp) is not None
     substep = xp.function(rk4(xp, actuated_single_track(xp, tire, geometry, pushed)))
-    command_law = xp.function(task.command(xp))
+    command_law = xp.function(command_of(xp, task))
     moment = xp.function(car_of_the_moment(xp, task))
     reference_law = xp.function(task.reference(xp))
     end_law = xp.function(task.end(xp))
@@ -72,6 +72,28 @@ def parts(xp: Any, task: Task, tire: Tire, geometry: str, reward: Reward) -> Par
         return after, gained, end, cost
 
     return Parts(begin, advance, finish)
+
+
+def command_of(xp: Any, task: Task) -> Law:
+    """``command(state, episode, action, world) -> (front, rear)`` [rad], within the actuators' angle limits."""
+    own = task.command(xp)
+
+    def scaled(state: CarState, episode: EpisodeState, action: Axles, world: World) -> Axles:
+        return action[0] * world.car.front_angle_limit, action[1] * world.car.rear_angle_limit
+
+    if own is None:
+        return scaled
+    law = xp.function(own)
+
+    def clipped(state: CarState, episode: EpisodeState, action: Axles, world: World) -> Axles:
+        front, rear = law(state, episode, action, world)
+        most_front, most_rear = world.car.front_angle_limit, world.car.rear_angle_limit
+        return (
+            xp.maximum(xp.minimum(front, most_front), -most_front),
+            xp.maximum(xp.minimum(rear, most_rear), -most_rear),
+        )
+
+    return clipped
 
 
 def car_of_the_moment(xp: Any, task: Task) -> Law:

@@ -83,6 +83,11 @@ class Task(abc.ABC):
         return ()
 
     @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the task's own state that ``info`` tells, too."""
+        return ()
+
+    @property
     def metrics(self) -> tuple[Metric, ...]:
         """The figures of an episode beside success, end and return."""
         return SHARED
@@ -120,16 +125,13 @@ class Task(abc.ABC):
 
         return preview
 
-    def command(self, xp: Any) -> Law:
+    def command(self, xp: Any) -> Law | None:
         """``command(state, episode, action, world) -> (front, rear)`` [rad], once per control step: who steers.
 
-        What is sent to the two actuators. By default the action, a pair in [-1, 1], times the angle limits.
+        What is sent to the two actuators, which clip it to their angle limits. By default, None, the action, a pair in
+        [-1, 1], times these limits.
         """
-
-        def command(state: CarState, episode: EpisodeState, action: tuple[Any, Any], world: World) -> tuple[Any, Any]:
-            return action[0] * world.car.front_angle_limit, action[1] * world.car.rear_angle_limit
-
-        return command
+        return None
 
     def conditions(self, xp: Any) -> Law | None:
         """``conditions(state, episode, time, world) -> CarParameters``, or None where the car stays what it is.

@@ -64,7 +64,7 @@ class Doors(Stabilise):
 
     def conditions(self, xp):
         force, arm = self.gust_force, self.gust_arm
-        names = ("side_force", "side_force_arm", "front_peak_force", "rear_peak_force")
+        names = ("side_force", "yaw_moment", "front_peak_force", "rear_peak_force")
         changed = xp.function(replaced(xp, CarParameters, names))
 
         def conditions(state, episode, time, world):
@@ -72,7 +72,7 @@ class Doors(Stabilise):
             blowing = (time >= own.gust_start) & (time < own.gust_start + 0.5)
             push = xp.where(blowing, force * own.gust_side, 0.0)
             grip = xp.where(state.longitudinal_position > 20.0, 0.45 + 0.0 * push, 1.0)
-            return changed(car, push, arm, grip * car.front_peak_force, grip * car.rear_peak_force)
+            return changed(car, push, arm * push, grip * car.front_peak_force, grip * car.rear_peak_force)
 
         return conditions
 
