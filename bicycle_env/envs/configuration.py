@@ -25,7 +25,7 @@ from bicycle_env.physics.simulate import resolve_geometry
 from bicycle_env.physics.single_track import CarParameters, car_on_road
 from bicycle_env.physics.validation import checked_speed, choice, in_range, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
-from bicycle_env.tasks import rewards
+from bicycle_env.tasks import randomised, rewards
 from bicycle_env.tasks.checking import check, check_reward
 from bicycle_env.tasks.episode import Rules
 from bicycle_env.tasks.options import altered
@@ -236,10 +236,13 @@ def configure(
     rear_actuator = actuators.resolve("rear_actuator", rear_actuator)
     control_timestep = in_range("control_timestep", control_timestep, "timestep")
     physics_timestep = in_range("physics_timestep", physics_timestep, "timestep")
-    lags = (1.0 / front_actuator.time_constant, 1.0 / rear_actuator.time_constant)
-    check_timestep("physics_timestep", physics_timestep, max(fastest_rate(vehicle, speed), *lags))
+    ranges = randomised.resolve(randomise)
+    cars = randomised.extremes(ranges, vehicle)
+    fastest = max(fastest_rate(car, speed) for car in cars)
+    lags = [1.0 / time for time in randomised.least_time_constants(ranges, front_actuator, rear_actuator)]
+    check_timestep("physics_timestep", physics_timestep, max(fastest, *lags))
     substeps = _substeps(control_timestep, physics_timestep)
-    growth = float(np.max(np.linalg.eigvals(state_matrix(vehicle, speed)).real))
+    growth = max(float(np.max(np.linalg.eigvals(state_matrix(car, speed)).real)) for car in cars)
     if growth * control_timestep > MOST_GROWTH:
         raise ValueError(
             f"control_timestep must be <= {MOST_GROWTH / growth:.3g} s here, got {control_timestep:g}: without "

@@ -63,9 +63,9 @@ def merged(xp: Any, record: Any, names: tuple[str, ...]) -> Any:
 
 
 @functools.cache
-def record_of(names: tuple[str, ...]) -> Any:
-    """A named-tuple class with these fields; the same one for the same names."""
-    return namedtuple("Record", names)
+def record_of(name: str, fields: tuple[str, ...]) -> Any:
+    """A named-tuple class with these fields; the same one for the same name and fields."""
+    return namedtuple(name, fields)
 
 
 def joined(xp: Any, record: Any, first: Any, second: Any) -> Any:

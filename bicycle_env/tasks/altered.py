@@ -38,7 +38,7 @@ class AlteredTask(Task):
     @property
     def Kept(self) -> Any:
         """Named-tuple class of them."""
-        return record_of(self.kept)
+        return record_of("Kept", self.kept)
 
     @property
     def draws(self) -> int:
@@ -121,7 +121,7 @@ class AlteredTask(Task):
         taken = set(self.kept) & set(record._fields)
         if taken:
             raise ValueError(f"{', '.join(sorted(taken))}: the task {self.name} has a number of that name already")
-        return record_of((*record._fields, *self.kept)) if self.kept else record
+        return record_of(record.__name__, (*record._fields, *self.kept)) if self.kept else record
 
     def start(self, xp: Any) -> Law:
         inner = self.task.start(xp)

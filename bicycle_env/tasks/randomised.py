@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
+from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.records import composed, field, merged, replaced
 from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.physics.validation import from_fields, known_keys, number
-from bicycle_env.physics.vehicle import GRAVITY
+from bicycle_env.physics.vehicle import GRAVITY, Vehicle
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.task import Allowed, Law
@@ -23,6 +25,8 @@ OWN = (
     "rear_time_constant",
 )
 """Parameters of the equations that may be drawn; ``friction`` beside them, which scales both peak forces."""
+VEHICLES = OWN[:4]
+"""Those of the vehicle; the others are the actuators'."""
 PARAMETERS = ("friction", *OWN)
 LEAST, MOST = 1e-4, 1e8
 
@@ -160,6 +164,32 @@ def resolve(randomise: Mapping[str, Any] | None) -> tuple[tuple[str, Range], ...
         raise TypeError(f"randomise must be a mapping of parameters to ranges, got {randomise!r}")
     known_keys("parameter of randomise", randomise, PARAMETERS)
     return tuple((name, _range(f"randomise[{name!r}]", randomise[name])) for name in PARAMETERS if name in randomise)
+
+
+def extremes(ranges: tuple[tuple[str, Range], ...], vehicle: Vehicle) -> list[Vehicle]:
+    """The vehicles at the corners of the drawn parameters; ValueError for one that cannot be."""
+    own = [(name, chosen) for name, chosen in ranges if name in VEHICLES]
+    corners = itertools.product(*((chosen.low, chosen.high) for _, chosen in own))
+    found = []
+    for corner in corners:
+        changes: dict[str, Any] = {
+            name: value * (getattr(vehicle, name) if chosen.relative else 1.0)
+            for (name, chosen), value in zip(own, corner, strict=True)
+        }
+        try:
+            found.append(dataclasses.replace(vehicle, **changes))
+        except ValueError as error:
+            raise ValueError(f"randomise: {error}") from None
+    return found
+
+
+def least_time_constants(ranges: tuple[tuple[str, Range], ...], front: Actuator, rear: Actuator) -> tuple[float, float]:
+    """Of the two actuators, s."""
+    drawn, found = dict(ranges), []
+    for axle, actuator in (("front", front), ("rear", rear)):
+        chosen, own = drawn.get(f"{axle}_time_constant"), actuator.time_constant
+        found.append(own if chosen is None else chosen.low * (own if chosen.relative else 1.0))
+    return found[0], found[1]
 
 
 def _range(label: str, given: Any) -> Range:
