@@ -149,10 +149,10 @@ def torch_kernels(
 
     def measure(episodes: Episodes) -> dict[str, Tensor]:
         now = moment(episodes.state, episodes.episode, start_of_step, world)
-        acting = axles_law(episodes.state, now)
+        acting, zero = axles_law(episodes.state, now), 0.0 * episodes.state.heading
         reference = reference_law(episodes.state, episodes.episode.task_state, world)
         references = {f"reference_{name}": value for name, value in reference._asdict().items()}
-        return {**acting._asdict(), **references, **{name: getattr(now, name) for name in PEAKS}}
+        return {**acting._asdict(), **references, **{name: zero + getattr(now, name) for name in PEAKS}}
 
     if compiled:  # one substep: the whole step, unrolled, would take the compiler minutes
         restart, prepare, substep, conclude, look = (
