@@ -41,6 +41,11 @@ class AlteredTask(Task):
         return record_of("Kept", self.kept)
 
     @property
+    def numbers(self) -> Mapping[str, float]:
+        """Numbers that stand in the settings, after the other task's: others do not make anything compile anew."""
+        return {}
+
+    @property
     def draws(self) -> int:
         """How many more uniform numbers a start takes; they come after the other task's."""
         return 0
@@ -68,15 +73,15 @@ class AlteredTask(Task):
 
     @property
     def TaskState(self) -> Any:
-        return self._more(self.task.TaskState)
+        return self._more(self.task.TaskState, self.kept)
 
     @property
     def State(self) -> Any:
-        return self._more(self.task.State)
+        return self._more(self.task.State, self.kept)
 
     @property
     def Settings(self) -> Any:
-        return self.task.Settings
+        return self._more(self.task.Settings, tuple(self.numbers))
 
     @property
     def uniforms(self) -> int:  # type: ignore[override]
@@ -112,16 +117,16 @@ class AlteredTask(Task):
         return self.task.told
 
     def settings(self, speed: float) -> Any:
-        return self.task.settings(speed)
+        return self.Settings(*self.task.settings(speed), *self.numbers.values())
 
     def rules(self, **shared: float) -> Rules:
         return self.task.rules(**shared)
 
-    def _more(self, record: Any) -> Any:
-        taken = set(self.kept) & set(record._fields)
+    def _more(self, record: Any, names: tuple[str, ...]) -> Any:
+        taken = set(names) & set(record._fields)
         if taken:
             raise ValueError(f"{', '.join(sorted(taken))}: the task {self.name} has a number of that name already")
-        return record_of(record.__name__, (*record._fields, *self.kept)) if self.kept else record
+        return record_of(record.__name__, (*record._fields, *names)) if names else record
 
     def start(self, xp: Any) -> Law:
         inner = self.task.start(xp)

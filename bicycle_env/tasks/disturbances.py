@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
-from bicycle_env.physics.records import composed, field, replaced
+from bicycle_env.physics.records import composed, field, record_of, replaced
 from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number
 from bicycle_env.tasks.altered import AlteredTask
@@ -33,9 +33,13 @@ class Disturbance(abc.ABC):
     def amounts(self) -> dict[str, Amount]:
         """What stands in the state of an episode, by name."""
 
+    def constants(self) -> dict[str, float]:
+        """Its other numbers, by name."""
+        return {}
+
     @abc.abstractmethod
-    def law(self, xp: Any, names: Mapping[str, str]) -> Law:
-        """``law(car, own, time) -> CarParameters``; `names`: those of the amounts in the task's state `own`."""
+    def law(self, xp: Any) -> Law:
+        """``law(car, own, fixed, time) -> CarParameters``: its amounts `own` and constants `fixed`, by their names."""
 
 
 def _checked(name: str, amount: Any, low: float, high: float) -> Amount:
@@ -78,15 +82,18 @@ class Gust(Disturbance):
     def amounts(self) -> dict[str, Amount]:
         return {"start": self.start, "force": self.force}
 
-    def law(self, xp: Any, names: Mapping[str, str]) -> Law:
-        start_of, force_of = field(xp, names["start"]), field(xp, names["force"])
-        pushed = replaced(xp, CarParameters, ("side_force", "yaw_moment"))
-        duration, arm = self.duration, self.arm
+    def constants(self) -> dict[str, float]:
+        return {"duration": self.duration, "arm": self.arm}
 
-        def gust(car: CarParameters, own: Any, time: Any) -> CarParameters:
-            start = start_of(own)
-            force = xp.where((time >= start) & (time < start + duration), force_of(own), 0.0)
-            changed: CarParameters = pushed(car, car.side_force + force, xp.multiply_add(force, arm, car.yaw_moment))
+    def law(self, xp: Any) -> Law:
+        pushed = replaced(xp, CarParameters, ("side_force", "yaw_moment"))
+
+        def gust(car: CarParameters, own: Any, fixed: Any, time: Any) -> CarParameters:
+            blows = (time >= own.start) & (time < own.start + fixed.duration)
+            force = xp.where(blows, own.force, 0.0)
+            changed: CarParameters = pushed(
+                car, car.side_force + force, xp.multiply_add(force, fixed.arm, car.yaw_moment)
+            )
             return changed
 
         return gust
@@ -110,13 +117,12 @@ class FrictionStep(Disturbance):
     def amounts(self) -> dict[str, Amount]:
         return {"at": self.at, "front": self.front, "rear": self.rear}
 
-    def law(self, xp: Any, names: Mapping[str, str]) -> Law:
-        at_of, front_of, rear_of = (field(xp, names[name]) for name in ("at", "front", "rear"))
+    def law(self, xp: Any) -> Law:
         slippery = replaced(xp, CarParameters, ("front_peak_force", "rear_peak_force"))
 
-        def friction_step(car: CarParameters, own: Any, time: Any) -> CarParameters:
-            begun = time >= at_of(own)
-            front, rear = xp.where(begun, front_of(own), 1.0), xp.where(begun, rear_of(own), 1.0)
+        def friction_step(car: CarParameters, own: Any, fixed: Any, time: Any) -> CarParameters:
+            begun = time >= own.at
+            front, rear = xp.where(begun, own.front, 1.0), xp.where(begun, own.rear, 1.0)
             changed: CarParameters = slippery(car, front * car.front_peak_force, rear * car.rear_peak_force)
             return changed
 
@@ -143,14 +149,15 @@ class StiffnessLoss(Disturbance):
     def amounts(self) -> dict[str, Amount]:
         return {"at": self.at, "factor": self.factor}
 
-    def law(self, xp: Any, names: Mapping[str, str]) -> Law:
-        at_of, factor_of = field(xp, names["at"]), field(xp, names["factor"])
-        soft = replaced(xp, CarParameters, ("front_cornering_stiffness", "rear_cornering_stiffness"))
-        front_part, rear_part = float(self.axle != "rear"), float(self.axle != "front")
+    def constants(self) -> dict[str, float]:
+        return {"front_part": float(self.axle != "rear"), "rear_part": float(self.axle != "front")}
 
-        def stiffness_loss(car: CarParameters, own: Any, time: Any) -> CarParameters:
-            lost = xp.where(time >= at_of(own), factor_of(own) - 1.0, 0.0)
-            front, rear = 1.0 + front_part * lost, 1.0 + rear_part * lost
+    def law(self, xp: Any) -> Law:
+        soft = replaced(xp, CarParameters, ("front_cornering_stiffness", "rear_cornering_stiffness"))
+
+        def stiffness_loss(car: CarParameters, own: Any, fixed: Any, time: Any) -> CarParameters:
+            lost = xp.where(time >= own.at, own.factor - 1.0, 0.0)
+            front, rear = 1.0 + fixed.front_part * lost, 1.0 + fixed.rear_part * lost
             changed: CarParameters = soft(
                 car, front * car.front_cornering_stiffness, rear * car.rear_cornering_stiffness
             )
@@ -170,23 +177,41 @@ class DisturbedTask(AlteredTask):
     disturbances: tuple[Disturbance, ...]
 
     @property
-    def _amounts(self) -> tuple[tuple[Disturbance, str, str, Amount], ...]:
-        """(disturbance, its name, the name in the state, amount)."""
-        kinds = [one.name for one in self.disturbances]
+    def _labels(self) -> tuple[str, ...]:
+        """A name for each: its own, the second of a kind with a 2."""
+        names = [one.name for one in self.disturbances]
+        counts = [names[: k + 1].count(name) for k, name in enumerate(names)]
+        return tuple(name if count == 1 else f"{name}_{count}" for name, count in zip(names, counts, strict=True))
+
+    @property
+    def _amounts(self) -> tuple[tuple[str, Amount, tuple[float, float]], ...]:
+        """(name in the state, amount, the signs it may have)."""
         found = []
-        for k, one in enumerate(self.disturbances):
-            number_of_kind = kinds[: k + 1].count(one.name)
-            label = one.name if number_of_kind == 1 else f"{one.name}_{number_of_kind}"
-            found += [(one, name, f"{label}_{name}", amount) for name, amount in one.amounts().items()]
+        for one, label in zip(self.disturbances, self._labels, strict=True):
+            side = SIDES[getattr(one, "side", "left")]
+            for name, amount in one.amounts().items():
+                found.append((f"{label}_{name}", amount, side if name in one.flips else SIDES["left"]))
         return tuple(found)
 
     @property
     def kept(self) -> tuple[str, ...]:
-        return tuple(label for _, _, label, _ in self._amounts)
+        return tuple(name for name, *_ in self._amounts)
 
     @property
     def kept_flipped(self) -> tuple[str, ...]:
-        return tuple(label for one, name, label, _ in self._amounts if name in one.flips)
+        pairs = zip(self.disturbances, self._labels, strict=True)
+        return tuple(f"{label}_{name}" for one, label in pairs for name in one.flips)
+
+    @property
+    def numbers(self) -> Mapping[str, float]:
+        found: dict[str, float] = {}
+        for name, amount, (least, greatest) in self._amounts:
+            low, high = amount if isinstance(amount, tuple) else (amount, amount)
+            found |= {f"{name}_low": low, f"{name}_width": high - low}
+            found |= {f"{name}_least_sign": least, f"{name}_greatest_sign": greatest}
+        for one, label in zip(self.disturbances, self._labels, strict=True):
+            found |= {f"{label}_{name}": value for name, value in one.constants().items()}
+        return found
 
     @property
     def draws(self) -> int:
@@ -194,42 +219,45 @@ class DisturbedTask(AlteredTask):
 
     def draw(self, xp: Any) -> Law:
         first = self.task.uniforms
-        laws = {}
-        for k, (one, name, _, amount) in enumerate(self._amounts):
-            sides = SIDES[getattr(one, "side", "left")] if name in one.flips else SIDES["left"]
-            laws[f"draw{k}"] = _drawn(xp, amount, sides, first + 2 * k)
-        draws = composed(xp, self.Kept, [f"{law}(uniforms)" for law in laws], "uniforms", **laws)
+        laws = {f"draw{k}": _drawn(xp, name, first + 2 * k) for k, name in enumerate(self.kept)}
+        draws = composed(xp, self.Kept, [f"{law}(uniforms, settings)" for law in laws], "uniforms, settings", **laws)
 
         def draw(uniforms: Any, state: CarState, own: Any, world: World) -> Any:
-            return draws(uniforms)
+            return draws(uniforms, world.settings)
 
         return draw
 
     def conditions(self, xp: Any) -> Law:
         chain = xp.function(self.task.conditions(xp) or nominal)
-        rows, step = self._amounts, 0
-        for one in self.disturbances:
-            names = {name: label for _, name, label, _ in rows[step : step + len(one.amounts())]}
-            step += len(names)
-            chain = xp.function(_after(chain, xp.function(one.law(xp, names))))
+        for one, label in zip(self.disturbances, self._labels, strict=True):
+            own, fixed = _named(xp, label, tuple(one.amounts())), _named(xp, label, tuple(one.constants()))
+            chain = xp.function(_after(chain, xp.function(one.law(xp)), own, fixed))
         return chain  # type: ignore[no-any-return]
 
 
-def _after(before: Law, law: Law) -> Law:
+def _named(xp: Any, label: str, names: tuple[str, ...]) -> Any:
+    """``f(record)``: the numbers of a disturbance by its own names for them."""
+    return composed(xp, record_of("Numbers", names), [f"a.{label}_{name}" for name in names], "a")
+
+
+def _after(before: Law, law: Law, own: Law, fixed: Law) -> Law:
     def conditions(state: CarState, episode: EpisodeState, time: Any, world: World) -> CarParameters:
-        car: CarParameters = law(before(state, episode, time, world), episode.task_state, time)
+        car: CarParameters = law(
+            before(state, episode, time, world), own(episode.task_state), fixed(world.settings), time
+        )
         return car
 
     return conditions
 
 
-def _drawn(xp: Any, amount: Amount, sides: tuple[float, float], place: int) -> Law:
-    low, high = amount if isinstance(amount, tuple) else (amount, amount)
-    width, (negative, positive) = high - low, sides
+def _drawn(xp: Any, name: str, place: int) -> Law:
+    """``drawn(uniforms, settings)`` of two uniform numbers: the amount, then its side."""
+    low, width = field(xp, f"{name}_low"), field(xp, f"{name}_width")
+    least, greatest = field(xp, f"{name}_least_sign"), field(xp, f"{name}_greatest_sign")
 
-    def drawn(uniforms: Any) -> Any:
-        size = xp.multiply_add(width, uniforms[place], low)
-        return xp.where(uniforms[place + 1] < 0.5, negative * size, positive * size)
+    def drawn(uniforms: Any, settings: Any) -> Any:
+        size = xp.multiply_add(width(settings), uniforms[place], low(settings))
+        return xp.where(uniforms[place + 1] < 0.5, least(settings) * size, greatest(settings) * size)
 
     return drawn
 

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bicycle_env.physics.records import replaced
+from bicycle_env.physics.records import composed, record_of, replaced
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number
 from bicycle_env.tasks.altered import AlteredTask
@@ -31,11 +31,16 @@ class Driver(abc.ABC):
     side: str = "left"
     """To which side a manoeuvre goes first: "left", "right" or "random"; one who looks ahead has none."""
 
+    def numbers(self) -> dict[str, float]:
+        """Its numbers, by the names of its fields."""
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        return {field.name: getattr(self, field.name) for field in fields if field.name not in ("name", "side")}
+
     @abc.abstractmethod
     def law(self, xp: Any, reference: Law) -> Law:
-        """``law(state, task_state, time, world) -> rad``: the road-wheel angle that is wanted, first to the left.
+        """``law(state, task_state, time, own, world) -> rad``: the road-wheel angle that is wanted, first to the left.
 
-        ``reference``: the law of the task.
+        ``own``: its numbers, by name; ``reference``: the law of the task.
         """
 
 
@@ -61,10 +66,8 @@ class Step(Driver):
         _check(self, angle=(0.0, MOST_ANGLE), start=(0.0, 1e6))
 
     def law(self, xp: Any, reference: Law) -> Law:
-        angle, start = self.angle, self.start
-
-        def step(state: CarState, task_state: Any, time: Any, world: World) -> Any:
-            return xp.where(time >= start, angle + 0.0 * time, 0.0)
+        def step(state: CarState, task_state: Any, time: Any, own: Any, world: World) -> Any:
+            return xp.where(time >= own.start, own.angle + 0.0 * time, 0.0)
 
         return step
 
@@ -91,13 +94,13 @@ class SineSweep(Driver):
         _check(self, **ranges, duration=(0.01, 1e6), start=(0.0, 1e6))
 
     def law(self, xp: Any, reference: Law) -> Law:
-        amplitude, start, duration = self.amplitude, self.start, self.duration
-        turn, rise = 2.0 * math.pi * self.first, math.pi * (self.last - self.first) / self.duration
+        half_turn = math.pi
 
-        def sine_sweep(state: CarState, task_state: Any, time: Any, world: World) -> Any:
-            since = xp.minimum(xp.maximum(time - start, 0.0), duration)
-            value = amplitude * xp.sin(since * xp.multiply_add(rise, since, turn))
-            return xp.where(time - start < duration, value, 0.0)
+        def sine_sweep(state: CarState, task_state: Any, time: Any, own: Any, world: World) -> Any:
+            since = xp.minimum(xp.maximum(time - own.start, 0.0), own.duration)
+            rise = (own.last - own.first) / own.duration
+            half_turns = since * xp.multiply_add(rise, since, 2.0 * own.first)
+            return xp.where(time - own.start < own.duration, own.amplitude * xp.sin(half_turn * half_turns), 0.0)
 
         return sine_sweep
 
@@ -125,14 +128,14 @@ class SineWithDwell(Driver):
         _check(self, amplitude=(0.0, MOST_ANGLE), frequency=(0.01, 100.0), dwell=(0.0, 1e6), start=(0.0, 1e6))
 
     def law(self, xp: Any, reference: Law) -> Law:
-        amplitude, start, dwell = self.amplitude, self.start, self.dwell
-        period, turn = 1.0 / self.frequency, 2.0 * math.pi * self.frequency
-        peak = 0.75 * period
+        turn = 2.0 * math.pi
 
-        def sine_with_dwell(state: CarState, task_state: Any, time: Any, world: World) -> Any:
-            since = xp.maximum(time - start, 0.0)
-            phase = xp.where(since < peak, since, xp.maximum(since - dwell, peak))
-            return xp.where(phase < period, amplitude * xp.sin(turn * phase), 0.0)
+        def sine_with_dwell(state: CarState, task_state: Any, time: Any, own: Any, world: World) -> Any:
+            since = xp.maximum(time - own.start, 0.0)
+            period = 1.0 / own.frequency
+            peak = 0.75 * period
+            phase = xp.where(since < peak, since, xp.maximum(since - own.dwell, peak))
+            return xp.where(phase < period, own.amplitude * xp.sin(turn * own.frequency * phase), 0.0)
 
         return sine_with_dwell
 
@@ -155,12 +158,11 @@ class Preview(Driver):
         _check(self, preview_time=(0.05, 100.0), gain=(0.0, 100.0))
 
     def law(self, xp: Any, reference: Law) -> Law:
-        ahead, gain = self.preview_time, self.gain
         path = xp.function(reference)
         moved = replaced(xp, CarState, ("longitudinal_position",))
 
-        def preview(state: CarState, task_state: Any, time: Any, world: World) -> Any:
-            car = world.car
+        def preview(state: CarState, task_state: Any, time: Any, own: Any, world: World) -> Any:
+            car, ahead = world.car, own.preview_time
             distance = car.speed * ahead
             aim = path(moved(state, state.longitudinal_position + distance), task_state, world).lateral_position
             error = (
@@ -171,7 +173,7 @@ class Preview(Driver):
                 car.cg_to_rear / car.front_cornering_stiffness - car.cg_to_front / car.rear_cornering_stiffness
             )
             per_curvature = xp.multiply_add(understeer, car.speed * car.speed, length)
-            return gain * per_curvature * (2.0 * error / (distance * distance))
+            return own.gain * per_curvature * (2.0 * error / (distance * distance))
 
         return preview
 
@@ -194,24 +196,30 @@ class DrivenTask(AlteredTask):
         return self.kept
 
     @property
+    def numbers(self) -> Mapping[str, float]:
+        least, greatest = SIDES[self.driver.side]
+        own = {f"driver_{name}": value for name, value in self.driver.numbers().items()}
+        return {"driver_least_sign": least, "driver_greatest_sign": greatest, **own}
+
+    @property
     def draws(self) -> int:
         return 1
 
     def draw(self, xp: Any) -> Law:
         Kept, place = self.Kept, self.task.uniforms
-        negative, positive = SIDES[self.driver.side]
 
         def draw(uniforms: Any, state: CarState, own: Any, world: World) -> Any:
-            zero = 0.0 * uniforms[place]
-            return Kept(xp.where(uniforms[place] < 0.5, negative + zero, positive + zero))
+            zero, settings = 0.0 * uniforms[place], world.settings
+            sides = (settings.driver_least_sign + zero, settings.driver_greatest_sign + zero)
+            return Kept(xp.where(uniforms[place] < 0.5, sides[0], sides[1]))
 
         return draw
 
     def command(self, xp: Any) -> Law:
-        inner, driver = (
-            xp.function(command_of(xp, self.task)),
-            xp.function(self.driver.law(xp, self.task.reference(xp))),
-        )
+        inner = xp.function(command_of(xp, self.task))
+        driver = xp.function(self.driver.law(xp, self.task.reference(xp)))
+        names = tuple(self.driver.numbers())
+        own_numbers = composed(xp, record_of("Numbers", names), [f"a.driver_{name}" for name in names], "a")
         looks = isinstance(self.driver, Preview)
 
         def side_of(task_state: Any) -> Any:
@@ -225,9 +233,9 @@ class DrivenTask(AlteredTask):
         def command(state: CarState, episode: EpisodeState, action: Any, world: World) -> tuple[Any, Any]:
             front, rear = inner(state, episode, action, world)
             time = episode.steps * world.rules.control_timestep
-            return xp.multiply_add(
-                side(episode.task_state), driver(state, episode.task_state, time, world), front
-            ), rear
+            own = own_numbers(world.settings)
+            wanted = driver(state, episode.task_state, time, own, world)
+            return xp.multiply_add(side(episode.task_state), wanted, front), rear
 
         return command
 

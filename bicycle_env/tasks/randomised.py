@@ -60,6 +60,11 @@ class RandomisedTask(AlteredTask):
         return tuple(name for name, _ in self.ranges)
 
     @property
+    def numbers(self) -> Mapping[str, float]:
+        ends = {name: (chosen.low, chosen.high - chosen.low) for name, chosen in self.ranges}
+        return {f"{name}_{what}": ends[name][k] for name in ends for k, what in enumerate(("low", "width"))}
+
+    @property
     def draws(self) -> int:
         return len(self.ranges)
 
@@ -78,10 +83,10 @@ class RandomisedTask(AlteredTask):
     def draw(self, xp: Any) -> Law:
         first = self.task.uniforms
         laws = {f"draw{k}": _drawn(xp, name, chosen, first + k) for k, (name, chosen) in enumerate(self.ranges)}
-        draws = composed(xp, self.Kept, [f"{law}(uniforms, car)" for law in laws], "uniforms, car", **laws)
+        draws = composed(xp, self.Kept, [f"{law}(uniforms, world)" for law in laws], "uniforms, world", **laws)
 
         def draw(uniforms: Any, state: CarState, own: Any, world: World) -> Any:
-            return draws(uniforms, world.car)
+            return draws(uniforms, world)
 
         return draw
 
@@ -112,13 +117,14 @@ def nominal_friction(car: CarParameters) -> Any:
 
 
 def _drawn(xp: Any, name: str, chosen: Range, place: int) -> Law:
-    """``drawn(uniforms, car)`` of the uniform number at a place."""
-    low, width = chosen.low, chosen.high - chosen.low
+    """``drawn(uniforms, world)`` of the uniform number at a place."""
+    low_of, width_of = field(xp, f"{name}_low"), field(xp, f"{name}_width")
     of = xp.function(nominal_friction) if name == "friction" else field(xp, name)
     value_of = of if chosen.relative else xp.function(_unit)
 
-    def drawn(uniforms: Any, car: CarParameters) -> Any:
-        return value_of(car) * xp.multiply_add(width, uniforms[place], low)
+    def drawn(uniforms: Any, world: World) -> Any:
+        settings = world.settings
+        return value_of(world.car) * xp.multiply_add(width_of(settings), uniforms[place], low_of(settings))
 
     return drawn
 

@@ -7,15 +7,16 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from combinations import only_all
 from gymnasium.envs.registration import EnvSpec
 
 from bicycle_env import vehicles
 from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.physics.compiled import ENTRY_POINTS
 from bicycle_env.tasks import drivers, randomised
 from bicycle_env.tasks.disturbances import FrictionStep, Gust, StiffnessLoss
 
 STAB, LANE = "BicycleStab-v0", "BicycleLaneChange-v0"
-IDS = [STAB, LANE]
 QUICK = {"tire": "linear", "geometry": "small_angle"}
 CARS = 8
 EVERYTHING = {
@@ -53,7 +54,7 @@ def drive(env, commands, seed=4, options=None):
     return np.array(seen), states
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", [STAB, only_all(LANE)])
 def test_everything_at_once_is_the_same_for_one_car_many_and_tensors(env_id):
     given = {**QUICK, **EVERYTHING, "autoreset_mode": "Disabled", "telemetry": True}
     many, tensors = gym.make_vec(env_id, CARS, **given), TorchVectorEnv(env_id, CARS, **given)
@@ -84,7 +85,7 @@ def test_everything_at_once_is_the_same_for_one_car_many_and_tensors(env_id):
     assert over.any()
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", [STAB, only_all(LANE)])
 def test_a_seeded_start_is_the_same_with_all_of_it(env_id):
     plain, altered = make(env_id), make(env_id, **EVERYTHING)
     for seed in range(3):
@@ -103,31 +104,21 @@ def test_scales_and_controllers_stay_nominal():
 # Drawn parameters
 
 
-@pytest.mark.parametrize(
-    ("name", "chosen", "same"),
-    [
-        ("friction", (0.4, 0.9), lambda value: {"friction": value}),
-        *(
-            (
-                name,
-                (0.8, 1.2, "relative"),
-                lambda value, name=name: {"vehicle": dataclasses.replace(CAR, **{name: value})},
-            )
-            for name in ("mass", "yaw_inertia", "front_cornering_stiffness", "rear_cornering_stiffness")
-        ),
-        ("front_time_constant", (0.05, 0.2), lambda value: {"front_actuator": {**FRONT, "time_constant": value}}),
-    ],
-)
-def test_a_drawn_parameter_is_that_of_the_car_that_is_driven(name, chosen, same):
-    """The states are those of an environment whose nominal car has the number that was drawn."""
+def test_drawn_parameters_are_those_of_the_car_that_is_driven():
+    """The states are those of an environment whose nominal car has the numbers that were drawn."""
     given = {"tire": "tanh", "geometry": "small_angle", "speed": 40.0}
-    env = gym.make(STAB, **given, randomise={name: chosen}).unwrapped
-    for seed in range(2):
+    own = ("mass", "yaw_inertia", "front_cornering_stiffness", "rear_cornering_stiffness")
+    ranges = {"friction": (0.4, 0.9), **dict.fromkeys(own, (0.8, 1.2, "relative")), "front_time_constant": (0.05, 0.2)}
+    env = gym.make(STAB, **given, randomise=ranges).unwrapped
+    for seed in range(3):
         env.reset(seed=seed)
-        value = getattr(env.state, name)
-        nominal = 1.0 if len(chosen) == 2 else getattr(CAR, name)
-        assert chosen[0] * nominal <= value <= chosen[1] * nominal
-        twin = gym.make(STAB, **given, **same(value)).unwrapped
+        drawn = {name: getattr(env.state, name) for name in ranges}
+        for name, (low, high, *_) in ranges.items():
+            nominal = getattr(CAR, name) if name in own else 1.0
+            assert low * nominal <= drawn[name] <= high * nominal
+        car = dataclasses.replace(CAR, **{name: drawn[name] for name in own})
+        wheel = {**FRONT, "time_constant": drawn["front_time_constant"]}
+        twin = gym.make(STAB, **given, vehicle=car, friction=drawn["friction"], front_actuator=wheel).unwrapped
         twin.reset(seed=seed)
         for action in actions(20)[:, 0]:
             env.step(action)
@@ -137,6 +128,26 @@ def test_a_drawn_parameter_is_that_of_the_car_that_is_driven(name, chosen, same)
 
 CAR = vehicles["oversteer"]
 FRONT = {"angle_limit": math.radians(6.0), "rate_limit": math.radians(40.0)}
+
+
+def test_other_numbers_compile_nothing_anew():
+    before = set(ENTRY_POINTS)
+    make(**EVERYTHING)
+    known = set(ENTRY_POINTS)
+    others = {
+        **EVERYTHING,
+        "randomise": {**EVERYTHING["randomise"], "friction": (0.5, 0.6)},
+        "disturbances": (
+            Gust(force=3.0, arm=0.1),
+            Gust(duration=2.0),
+            FrictionStep(front=0.9),
+            StiffnessLoss(axle="front"),
+        ),
+        "driver": drivers.SineWithDwell(amplitude=0.02, frequency=0.5, side="right"),
+    }
+    make(**others)
+    assert set(ENTRY_POINTS) == known
+    assert known >= before
 
 
 def test_each_episode_draws_anew_and_covers_the_range():
@@ -246,7 +257,7 @@ def test_who_looks_ahead_changes_the_lane_alone():
 # Delays
 
 
-@pytest.mark.parametrize("delay", [1, 3])
+@pytest.mark.parametrize("delay", [3, only_all(1)])
 def test_actions_arrive_later(delay):
     commands = actions(20)[:, 0]
     _, late = drive(make(action_delay=delay), commands)
@@ -255,7 +266,7 @@ def test_actions_arrive_later(delay):
     assert [state[:10] for state in late] == [tuple(state) for state in expected]
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", [LANE, only_all(STAB)])
 def test_observations_are_of_earlier(env_id):
     commands = actions(20)[:, 0]
     late, _ = drive(make(env_id, observation_delay=2), commands)
