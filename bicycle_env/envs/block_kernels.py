@@ -24,6 +24,7 @@ from bicycle_env.physics.records import reader, writer
 from bicycle_env.physics.single_track import Axles, axles
 from bicycle_env.physics.tires import Linear, Tire
 from bicycle_env.tasks.control_step import car_of_the_moment, parts
+from bicycle_env.tasks.ends import body_reach
 from bicycle_env.tasks.episode import Reference
 from bicycle_env.tasks.rewards import Reward
 
@@ -354,7 +355,8 @@ def measuring(kind: Kind, tire: Tire, geometry: str) -> Any:
     reference_law = xp.function(kind.task.reference(xp))
     keep_acting = writer(xp, len(Axles._fields), 0, 1)
     keep_reference = writer(xp, len(Reference._fields), len(Axles._fields), 1)
-    keep_peaks = writer(xp, 2, len(Axles._fields) + len(Reference._fields), 1)
+    keep_rest = writer(xp, 3, len(Axles._fields) + len(Reference._fields), 1)
+    reach_law = xp.function(body_reach(xp))
 
     def measure(numbers: Any, out: Any) -> None:
         shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
@@ -365,8 +367,10 @@ def measuring(kind: Kind, tire: Tire, geometry: str) -> Any:
             episode = access.episode(block, k)
             now = moment(state, episode, 0.0 * episode.steps, mine)
             keep_acting(out[row], 0, axles_law(state, now))
-            keep_reference(out[row], 0, reference_law(state, episode.task_state, mine))
-            keep_peaks(out[row], 0, (now.front_peak_force, now.rear_peak_force))
+            reference = reference_law(state, episode.task_state, mine)
+            keep_reference(out[row], 0, reference)
+            clearance = reference.road_half_width - reach_law(state, reference, mine)
+            keep_rest(out[row], 0, (now.front_peak_force, now.rear_peak_force, clearance))
 
     with announcements.progress(label(kind, tire, geometry)):
         return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)

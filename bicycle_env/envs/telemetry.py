@@ -9,8 +9,9 @@ from bicycle_env.physics.single_track import Axles, CarParameters
 from bicycle_env.tasks.episode import Reference
 
 PEAKS = ("front_peak_force", "rear_peak_force")
-MEASURED = (*Axles._fields, *(f"reference_{name}" for name in Reference._fields), *PEAKS)
-"""What the compiled ``measure`` writes, in this order; the peak forces are the moment's, N."""
+MEASURED = (*Axles._fields, *(f"reference_{name}" for name in Reference._fields), *PEAKS, "clearance")
+"""What the compiled ``measure`` writes, in this order: the peak forces are the moment's [N], the clearance is from the
+corridor's edge to the nearest corner of the body [m], negative outside."""
 
 
 def telemetry(state: Any, measured: Mapping[str, Any], car: CarParameters) -> dict[str, Any]:
@@ -23,4 +24,5 @@ def telemetry(state: Any, measured: Mapping[str, Any], car: CarParameters) -> di
         "lateral_error": state.lateral_position - measured["reference_lateral_position"],
         "goal_error": state.lateral_position - measured["reference_goal"],
         "heading_error": state.heading - measured["reference_heading"],
+        "clearance": measured["clearance"],
     }

@@ -11,8 +11,10 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import re
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -23,6 +25,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaError
 from numba.core.extending import _Intrinsic
 from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
@@ -37,6 +40,12 @@ COMMON = {"error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
 
 class CompilerDisabledError(RuntimeError):
     """The user has switched numba's compiler off."""
+
+
+class LawError(TypeError):
+    """A law does what numba cannot compile. ``details``: numba's own words, many lines of them."""
+
+    details: str
 
 
 class Part(CPUDispatcher):  # type: ignore[misc]
@@ -222,10 +231,31 @@ def entry_point(
     dispatcher: Any = numba.njit(function, nogil=nogil, **COMMON)
     dispatcher._cache = ContentCache(function, content)
     with _interleaved(interleave):
-        dispatcher.compile(signature)
+        try:
+            dispatcher.compile(signature)
+        except NumbaError as error:
+            raise _in_one_line(error) from None
     dispatcher.disable_compile()
     ENTRY_POINTS[content] = dispatcher
     return ENTRY_POINTS[content]
+
+
+def _in_one_line(error: NumbaError) -> LawError:
+    """Where the law is, and numba's reason."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+    places = re.findall(r"(?:File \"|at |\()([^\s\"()]+\.py)\"?(?:, line |\s\(| \()(\d+)", text)
+    package = str(Path(__file__).parents[1])
+    own = [place for place in places if not str(Path(place[0]).absolute()).startswith(package)] or places
+    where = f"{own[0][0]}, line {own[0][1]}: " if own else ""
+    reasons = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("Failed in")]
+    told = [line for line in reasons if line.startswith((">>>", "Use of unsupported", "Cannot", "Unknown", "NameError"))]
+    reason = " ".join([reasons[0].rstrip(":"), *told[:1]]) if reasons else type(error).__name__
+    found = LawError(
+        f"{where}this law cannot be compiled ({reason}). A law may use its arguments, floats, tuples and the functions "
+        "of xp"
+    )
+    found.details = text
+    return found
 
 
 @contextlib.contextmanager

@@ -33,6 +33,8 @@ class Reference(NamedTuple):
     """Lateral position at which the task is done, m."""
     road_centre: Any
     """Middle of the corridor that must not be left, m."""
+    road_half_width: Any
+    """From there to its right and left edge, m."""
 
 
 class Rules(NamedTuple):

@@ -189,7 +189,7 @@ class LaneChange(Task):
         def reference(state: CarState, route: Route, world: World) -> Reference:
             lateral_position, slope = quintic(state.longitudinal_position, route, world)
             goal = route.direction * world.settings.lane_width
-            return Reference(lateral_position, xp.atan(slope), goal, 0.5 * goal)
+            return Reference(lateral_position, xp.atan(slope), goal, 0.5 * goal, world.rules.road_half_width)
 
         return reference
 

@@ -97,7 +97,7 @@ class Stabilise(Task):
     def reference(self, xp: Any) -> Any:
         def reference(state: CarState, task_state: Nothing, world: World) -> Reference:
             zero = 0.0 * state.lateral_position
-            return Reference(zero, zero, zero, zero)
+            return Reference(zero, zero, zero, zero, world.rules.road_half_width)
 
         return reference
 
