@@ -28,6 +28,7 @@ from agents import messages, trained
 from agents.episodes import evaluate, summarise
 from agents.messages import UserError
 from bicycle_env import Vehicle, control, provenance
+from bicycle_env.envs.registered_fleet import registered_spec
 from bicycle_env.envs.single_track_env import SingleTrackEnv
 from bicycle_env.files import anything, mapping, parse_json, shown, write_json
 from bicycle_env.tasks.task import Task
@@ -90,7 +91,7 @@ def environment(env_id: str) -> type[SingleTrackEnv]:
     """The class behind an id; UserError unless the id is known and the class one of this package's kind."""
     ids = ", ".join(sorted(name for name in gym.registry if name.startswith("Bicycle")))
     try:
-        entry: Any = gym.spec(env_id).entry_point
+        entry: Any = registered_spec(env_id).entry_point
         found = load_env_creator(entry) if isinstance(entry, str) else entry
     except (gym.error.Error, ImportError, AttributeError, ValueError) as error:
         raise UserError(f"{shown(error)} Ids of this package: {ids}") from None

@@ -1,12 +1,13 @@
 """A task of one's own in one file: a narrow place on the road, in a gust.
 
-    python examples/my_task.py                                          # drives it with LQR, draws runs/my_task.png
-    PYTHONPATH=examples python -m agents.train --env-id my_task:Mine/Gusty-v0 --algo ppo --total-timesteps 300000 --out runs/gusty
-    PYTHONPATH=examples python -m agents.evaluate --env-id my_task:Mine/Gusty-v0 --policy runs/gusty lqr zero
+    export PYTHONPATH=examples
+    python examples/my_task.py         # drives it with LQR and draws runs/my_task.png
+    python -m agents.train --env-id my_task:Mine/Gusty-v0 --algo ppo --total-timesteps 300000 --out runs/gusty
+    python -m agents.evaluate --env-id my_task:Mine/Gusty-v0 --policy runs/gusty lqr zero
 
-A law is a function of ``xp``, the namespace that it is written in: floats, ``xp``'s functions, no ``if`` on data, no numpy.
-It then runs in plain Python, compiled for one car and for thousands, and on tensors. What is not said here is the
-parent's. The first use checks everything; a mistake is one line that names the law.
+A law is a function of ``xp``, the namespace that it is written in: floats, ``xp``'s functions, no ``if`` on data, no
+numpy. It then runs in plain Python, compiled for one car and for thousands, and on tensors. What is not said here is
+the parent's. The first use checks everything; a mistake is one line that names the law.
 """
 
 import dataclasses
@@ -52,7 +53,9 @@ class Gusty(Stabilise):
         def start(uniforms, world):
             lateral_position, zero = 0.3 * (2.0 * uniforms[0] - 1.0), 0.0 * uniforms[0]
             force = xp.where(uniforms[2] < 0.5, -2500.0 + zero, 2500.0 + zero)
-            return CarState(zero, lateral_position, zero, zero, zero, zero, zero), Gust(40.0 + 20.0 * uniforms[1], force)
+            return CarState(zero, lateral_position, zero, zero, zero, zero, zero), Gust(
+                40.0 + 20.0 * uniforms[1], force
+            )
 
         return start
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from collections.abc import Mapping
 from typing import Any
 
+import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
 from bicycle_env.envs.configuration import configure
@@ -15,6 +17,16 @@ from bicycle_env.physics.validation import known_keys
 
 ONE_CAR = ("telemetry", "render_mode")
 """Keywords of the single environment that are no part of a car."""
+
+
+def registered_spec(env_id: object) -> Any:
+    """The registered row; "module:id" imports the module first, as gym.make does."""
+    if not isinstance(env_id, str):
+        raise TypeError(f"env_id must be the id of a registered environment, got {env_id!r}")
+    module, _, name = env_id.rpartition(":")
+    if module:
+        importlib.import_module(module)
+    return gym.spec(name)
 
 
 def registered_fleet(spec: Any, num_envs: int, keywords: Mapping[str, Any], time_limit: int | None = None) -> Fleet:

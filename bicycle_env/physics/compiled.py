@@ -248,7 +248,9 @@ def _in_one_line(error: NumbaError) -> LawError:
     own = [place for place in places if not str(Path(place[0]).absolute()).startswith(package)] or places
     where = f"{own[0][0]}, line {own[0][1]}: " if own else ""
     reasons = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("Failed in")]
-    told = [line for line in reasons if line.startswith((">>>", "Use of unsupported", "Cannot", "Unknown", "NameError"))]
+    told = [
+        line for line in reasons if line.startswith((">>>", "Use of unsupported", "Cannot", "Unknown", "NameError"))
+    ]
     reason = " ".join([reasons[0].rstrip(":"), *told[:1]]) if reasons else type(error).__name__
     found = LawError(
         f"{where}this law cannot be compiled ({reason}). A law may use its arguments, floats, tuples and the functions "

@@ -290,7 +290,7 @@ def _edges(setup: Setup, state: Any, left: float, right: float) -> _Edges | None
     return _Edges(sides[0], sides[1], (*below, *reversed(above)), tuple(lines))
 
 
-def _reference(setup: Setup, state: Any, xs: NDArray[np.float64]) -> Any:
+def _reference(setup: Setup, state: Any, xs: NDArray[Any]) -> Any:
     """The task's reference at other places along the road."""
     task = setup.task
     task_state = task.TaskState(*state[len(state) - len(task.TaskState._fields) :])
