@@ -10,7 +10,7 @@ from typing import Any
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.records import composed, field, merged, replaced
 from bicycle_env.physics.single_track import CarParameters, CarState
-from bicycle_env.physics.validation import from_fields, known_keys, number
+from bicycle_env.physics.validation import choice, from_fields, number
 from bicycle_env.physics.vehicle import GRAVITY, Vehicle
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.episode import EpisodeState, World
@@ -168,7 +168,8 @@ def resolve(randomise: Mapping[str, Any] | None) -> tuple[tuple[str, Range], ...
         return ()
     if not isinstance(randomise, Mapping):
         raise TypeError(f"randomise must be a mapping of parameters to ranges, got {randomise!r}")
-    known_keys("parameter of randomise", randomise, PARAMETERS)
+    for name in randomise:
+        choice("randomise: parameter", name, PARAMETERS)
     return tuple((name, _range(f"randomise[{name!r}]", randomise[name])) for name in PARAMETERS if name in randomise)
 
 

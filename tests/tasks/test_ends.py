@@ -24,7 +24,7 @@ TOLERANCES = {
     "yaw_rate": RULES.yaw_rate_tolerance,
 }
 LIMITS = {
-    "lateral_position": (RULES.road_half_width + 0.5 * WORLD.car.body_width, LEFT),
+    "lateral_position": (GOAL.road_half_width + 0.5 * WORLD.car.body_width, LEFT),
     "heading": (RULES.heading_limit, SPUN),
     "lateral_velocity": (RULES.sideslip_limit * SPEED, SPUN),
     "yaw_rate": (RULES.yaw_rate_limit, SPUN),
