@@ -104,8 +104,8 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     | reward | `"default"` | `"default"`, `"quadratic"`, a `rewards.Reward` or its dict |
     | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 300, by default |
     | randomise | `None` | parameters drawn for each episode: `{"friction": (0.3, 1.0)}`, `(0.9, 1.2, "relative")` |
-    | disturbances | `()` | what happens on the way: `Gust`, `FrictionStep`, `StiffnessLoss` of `bicycle_env.disturbances` |
-    | driver | `None` | who holds the front wheels: `"step"`, `"sine_sweep"`, `"sine_with_dwell"`, `"preview"`, or an object |
+    | disturbances | `()` | on the way: `Gust`, `FrictionStep`, `StiffnessLoss` of `bicycle_env.disturbances` |
+    | driver | `None` | at the front wheels: `"step"`, `"sine_sweep"`, `"sine_with_dwell"`, `"preview"`, an object |
     | action_delay | `0` | control steps until an action acts |
     | observation_delay | `0` | how many control steps ago the observations are of |
     | telemetry | `False` | more in `info` |
