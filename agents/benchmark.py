@@ -19,7 +19,7 @@ import tyro
 
 from agents import messages, pictures, settings
 from agents.episodes import evaluate, hardest_saved, summarise
-from agents.evaluate import COLUMNS, MORE_COLUMNS, console_for_tables, find_policy, make_env, table
+from agents.evaluate import console_for_tables, find_policy, make_env, table
 from agents.messages import UserError
 from agents.statistics import bootstrap, iqm
 from bicycle_env import control, files, provenance
@@ -96,7 +96,8 @@ def train_all(args: Args, folder: Path, total: int) -> list[Path]:
 def aggregate(seeds: list[dict[str, Any]]) -> dict[str, Any]:
     """Interquartile mean over seeds with a 95 % bootstrap interval, per figure."""
     found: dict[str, Any] = {}
-    for key, *_ in COLUMNS + MORE_COLUMNS:
+    figures = [key for key, figure in seeds[0].items() if isinstance(figure, dict) and "value" in figure]
+    for key in figures:
         values = [row[key]["value"] for row in seeds if key in row]
         if len(values) == len(seeds):
             found[key] = {"value": iqm(values), "interval": bootstrap(values, iqm), "median": float(np.median(values))}
@@ -111,7 +112,8 @@ def main() -> int:
     messages.check_output("--out", out)
     messages.check_output("--runs", args.runs, folder=True)
     console = console_for_tables()
-    env = make_env(args.env_id, {"telemetry": True})
+    env: Any = make_env(args.env_id, {"telemetry": True})
+    task = env.unwrapped.task
     by_name = {name: find_policy(name, env) for name in (*ALWAYS, *args.controllers)}
     total = args.total_timesteps or settings.read(args.env_id, args.algo).total_timesteps
     folder = args.runs or Path("runs") / time.strftime(f"benchmark-{args.env_id}-{args.algo}-%Y%m%d-%H%M%S")
@@ -129,8 +131,8 @@ def main() -> int:
     whole = aggregate(seeds)
     algo = args.algo.upper()
     rows = {**controllers, **{f"{algo}, seed {k}": row for k, row in enumerate(seeds)}}
-    console.print(table(f"{args.env_id}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows))
-    console.print(table(f"over {args.seeds} seeds: interquartile mean [95 % bootstrap interval]", {algo: whole}))
+    console.print(table(f"{args.env_id}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows, task))
+    console.print(table(f"over {args.seeds} seeds: interquartile mean [95 % bootstrap interval]", {algo: whole}, task))
 
     lqr = controllers["lqr"]["success_rate"]["value"]
     shares = [row["success_rate"]["value"] for row in seeds]

@@ -73,7 +73,7 @@ def main() -> int:
         for name, policy in track(policies.items(), "evaluating", console=messages.console(stderr=True), transient=True)
     }
     rows = {name: summarise(episodes) for name, episodes in driven.items()}
-    console.print(table(f"{ENV_ID}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows))
+    console.print(table(f"{ENV_ID}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows, plant.task))
 
     console.print("\n3/3  drawing")
     place = args.out / "demo"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium as gym
@@ -12,11 +11,13 @@ import numpy as np
 
 from agents.statistics import mean, share
 from bicycle_env.control import Policy
+from bicycle_env.tasks.episode import World
+from bicycle_env.tasks.metrics import Run, figures
 
 
 @dataclass(frozen=True)
 class Episode:
-    """Figures of one episode; SI, angles in rad. The last four are None where the task has no lane change."""
+    """What came of one episode."""
 
     success: bool
     """The task's success: settled for the last second when the time was over."""
@@ -24,64 +25,30 @@ class Episode:
     """The time was over before the car spun or left the road, settled or not."""
     end: str
     episode_return: float
-    seconds: float
-    peak_sideslip: float
-    steering_effort: float
-    """Root of the mean over time of front_steer^2 + rear_steer^2, rad."""
-    cost: float
-    """Seconds with a corner of the body outside."""
-    peak_lateral_acceleration: float
-    largest_tracking_error: float
-    """Largest |lateral position - path|, m."""
-    overshoot: float | None = None
-    """How far beyond the new lane's middle, m."""
-    settling_time: float | None = None
-    """From the start of the change until |y error| stays below the tolerance, s; None without success."""
+    metrics: Mapping[str, float | None] = field(default_factory=dict)
+    """The task's figures, by name; SI, angles in rad."""
 
 
 def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
     """One episode from the start that the seed gives. `env` must be made with telemetry=True."""
     plant: Any = env.unwrapped
-    lane_change = hasattr(plant.state, "direction")
-    observation, info = env.reset(seed=seed)
+    observation, _ = env.reset(seed=seed)
     policy.reset()
-    total, effort, outside, steps = 0.0, 0.0, 0.0, 0
-    sideslip = acceleration = error = 0.0
-    overshoot, unsettled_until = 0.0, 0.0
+    steps: list[dict[str, Any]] = []
     over = terminated = False
     while not over:
         observation, reward, terminated, truncated, info = env.step(policy.act(observation))
         over = terminated or truncated
-        state = plant.state
-        total += float(reward)
-        steps += 1
-        effort += state.front_steer**2 + state.rear_steer**2
-        outside += info["cost"]
-        sideslip = max(sideslip, abs(info["sideslip"]))
-        acceleration = max(acceleration, abs(info["lateral_acceleration"]))
-        error = max(error, abs(info["lateral_error"]))
-        if lane_change:
-            overshoot = max(overshoot, state.direction * info["goal_error"])
-            if abs(info["goal_error"]) >= plant.rules.lateral_tolerance:
-                unsettled_until = state.time
-    seconds = steps * plant.control_timestep
-    extra: dict[str, float | None] = {}
-    if lane_change:
-        begin = state.change_start / plant.speed
-        extra["overshoot"] = overshoot
-        extra["settling_time"] = unsettled_until - begin if plant.is_success else None
+        steps.append({**info, **plant.state._asdict(), "reward": float(reward)})
+    columns = {name: np.array([step[name] for step in steps]) for name in steps[0] if name not in ("end", "is_success")}
+    configuration = plant.configuration
+    world = World(configuration.car, plant.rules, configuration.settings)
     return Episode(
         success=plant.is_success,
         on_road=not terminated,
-        end=info["end"],
-        episode_return=total,
-        seconds=seconds,
-        peak_sideslip=sideslip,
-        steering_effort=math.sqrt(effort / steps),
-        cost=outside * plant.control_timestep,
-        peak_lateral_acceleration=acceleration,
-        largest_tracking_error=error,
-        **extra,
+        end=plant.end,
+        episode_return=sum(step["reward"] for step in steps),
+        metrics=figures(plant.task.metrics, Run(columns, plant.is_success, world)),
     )
 
 
@@ -115,7 +82,7 @@ def hardest_saved(first: list[Episode], second: list[Episode], seed: int) -> int
     """Of an evaluation's starts that two policies both save, the one with the first's largest sideslip."""
     seeds = start_seeds(len(first), seed)
     both = [k for k in range(len(seeds)) if first[k].success and second[k].success]
-    return seeds[max(both, key=lambda k: first[k].peak_sideslip)] if both else seeds[0]
+    return seeds[max(both, key=lambda k: first[k].metrics["peak_sideslip"] or 0.0)] if both else seeds[0]
 
 
 def summarise(driven: list[Episode]) -> dict[str, Any]:
@@ -126,8 +93,10 @@ def summarise(driven: list[Episode]) -> dict[str, Any]:
         "on_road_rate": share([episode.on_road for episode in driven]),
         "ends": {name or "time": [e.end for e in driven].count(name) for name in sorted({e.end for e in driven})},
     }
-    for name in asdict(driven[0]):
-        values = [value for episode in driven if isinstance(value := getattr(episode, name), float)]
-        if values:
-            summary[name] = {**mean(values), "of": len(values)}
+    columns = {"episode_return": [episode.episode_return for episode in driven]}
+    columns |= {name: [episode.metrics[name] for episode in driven] for name in driven[0].metrics}
+    for name, values in columns.items():
+        known = [value for value in values if value is not None]
+        if known:
+            summary[name] = {**mean(known), "of": len(known)}
     return summary

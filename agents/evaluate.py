@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import textwrap
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,8 +28,10 @@ from agents import messages, trained
 from agents.episodes import evaluate, summarise
 from agents.messages import UserError
 from bicycle_env import Vehicle, control, provenance
+from bicycle_env.envs.registered_fleet import registered_spec
 from bicycle_env.envs.single_track_env import SingleTrackEnv
 from bicycle_env.files import anything, mapping, parse_json, shown, write_json
+from bicycle_env.tasks.task import Task
 
 
 @dataclass
@@ -52,20 +55,23 @@ class Args:
 
 
 DEGREES = 57.29577951308232
-# (key, heading, factor to the shown unit, format)
 COLUMNS = (
     ("success_rate", "success\n[%]", 100.0, ".1f"),
     ("on_road_rate", "on the\nroad [%]", 100.0, ".1f"),
     ("episode_return", "mean\nreturn", 1.0, ".1f"),
-    ("peak_sideslip", "peak side-\nslip [deg]", DEGREES, ".1f"),
-    ("steering_effort", "steering\neffort [deg]", DEGREES, ".2f"),
-    ("largest_tracking_error", "largest\nerror [m]", 1.0, ".2f"),
 )
-MORE_COLUMNS = (
-    ("overshoot", "overshoot\n[m]", 1.0, ".2f"),
-    ("settling_time", "settling\ntime [s]", 1.0, ".2f"),
-    ("peak_lateral_acceleration", "peak lat.\nacc. [m/s2]", 1.0, ".1f"),
-)
+"""Of every task: (key, heading, factor to the shown unit, format)."""
+
+
+def columns_of(task: Task) -> tuple[tuple[str, str, float, str], ...]:
+    """The columns of a table: those of every task, then the task's own figures."""
+    more = []
+    for metric in task.metrics:
+        if metric.in_tables:
+            unit, factor = ("deg", DEGREES) if metric.unit == "rad" else (metric.unit, 1.0)
+            heading = "\n".join(textwrap.wrap(f"{metric.name.replace('_', ' ')} [{unit}]", 12))
+            more.append((metric.name, heading, factor, ".2f"))
+    return (*COLUMNS, *more)
 
 
 def make_env(env_id: str, keywords: dict[str, Any]) -> gym.Env:
@@ -85,7 +91,7 @@ def environment(env_id: str) -> type[SingleTrackEnv]:
     """The class behind an id; UserError unless the id is known and the class one of this package's kind."""
     ids = ", ".join(sorted(name for name in gym.registry if name.startswith("Bicycle")))
     try:
-        entry: Any = gym.spec(env_id).entry_point
+        entry: Any = registered_spec(env_id).entry_point
         found = load_env_creator(entry) if isinstance(entry, str) else entry
     except (gym.error.Error, ImportError, AttributeError, ValueError) as error:
         raise UserError(f"{shown(error)} Ids of this package: {ids}") from None
@@ -155,9 +161,9 @@ def list_of_controllers() -> str:
     return "\n".join(["Controllers by name:", *(f"  {name:{width}}  {text}" for name, text in rows.items())])
 
 
-def table(title: str, rows: dict[str, dict[str, Any]]) -> Table:
+def table(title: str, rows: dict[str, dict[str, Any]], task: Task) -> Table:
     """Rows of figures with intervals as a table for people: each cell the value, and below it the interval."""
-    shown = [column for column in COLUMNS + MORE_COLUMNS if any(column[0] in row for row in rows.values())]
+    shown = [column for column in columns_of(task) if any(column[0] in row for row in rows.values())]
     result = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     result.add_column("policy", no_wrap=True)
     for _, heading, _, _ in shown:
@@ -212,7 +218,8 @@ def main() -> None:
             )
             seconds[name] = round(time.perf_counter() - start, 2)
     title = f"{args.env_id}: {args.episodes} episodes, the same starts for all; mean [95 % interval]"
-    console.print(table(title, rows))
+    plant: Any = env.unwrapped
+    console.print(table(title, rows, plant.task))
     if args.json is not None:
         write_json(
             args.json,

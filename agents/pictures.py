@@ -39,16 +39,16 @@ def drive(env: gym.Env, policies: dict[str, Policy], seed: int, path: Path) -> N
     plant: Any = env.unwrapped
     runs, ends = zip(*(history(env, policy, seed) for policy in policies.values()), strict=True)
     start = runs[0][0]
-    lane_change = hasattr(start, "direction")
     sideslip, yaw_rate = (math.degrees(value) for value in (start.lateral_velocity / plant.speed, start.yaw_rate))
-    spin = "" if lane_change else f": sideslip {sideslip:.0f} deg, yaw rate {yaw_rate:.0f} deg/s"
+    spinning = max(abs(sideslip), abs(yaw_rate)) >= 1.0
+    spin = f": sideslip {sideslip:.0f} deg, yaw rate {yaw_rate:.0f} deg/s" if spinning else ""
     figure = plots.episode(
         *runs,
         labels=[LABELS[name] for name in policies],
         styles=[STYLES[name] for name in policies],
         env=env,
         ends=ends,
-        duration=6.0 if lane_change else 4.0,
+        duration=4.0 if spinning else 6.0,
         title=f"The same start for all{spin}, at {plots.speed_in_words(plant.vehicle, plant.speed)}",
     )
     save(figure, path)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from agents.messages import UserError
+from agents.messages import UserError, console
 from bicycle_env.files import FileError, anything, listed, mapping, number_in, one_of, read_toml, table, whole_in
 from bicycle_env.physics.validation import flag
 
 CONFIGS = Path(__file__).parent / "configs"
+DEFAULT = "BicycleStab-v0"
 ALGORITHMS = ("ppo", "sac", "td3")
 ACTIVATIONS = ("tanh", "relu")
 
@@ -101,11 +102,16 @@ def checked(name: str, content: Any, algo: str) -> Settings:
 
 
 def read(env_id: str, algo: str, config: Path | None = None) -> Settings:
-    """The settings of one algorithm, from `config` or from the file shipped for the id; UserError if there are none."""
+    """The settings of one algorithm, from `config` or from the file shipped for the id; UserError if there are none.
+
+    An id for which no file is shipped, a task of one's own, has those of ``DEFAULT``.
+    """
     path = config or CONFIGS / f"{env_id}.toml"
+    if config is None and not path.is_file():
+        console(stderr=True).print(f"no settings are shipped for {env_id}: those of {DEFAULT} serve; or give --config")
+        path = CONFIGS / f"{DEFAULT}.toml"
     if not path.is_file():
-        shipped = ", ".join(sorted(file.stem for file in CONFIGS.glob("*.toml")))
-        raise UserError(f"no settings file {path}; settings are shipped for: {shipped}")
+        raise UserError(f"no settings file {path}")
     try:
         tables = read_toml(path, mapping(anything))
         if algo not in tables:

@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.single_track import Car, CarState
-from bicycle_env.tasks.episode import Memory, World
-from bicycle_env.tasks.transition import transition
+from bicycle_env.physics.single_track import CarParameters, CarState
+from bicycle_env.tasks.control_step import transition
+from bicycle_env.tasks.episode import EpisodeState, World
 
 
 def numpy_step(env_id: str, num_envs: int, tire: str) -> Callable[[], Callable[[int], int]]:
@@ -22,11 +22,14 @@ def numpy_step(env_id: str, num_envs: int, tire: str) -> Callable[[], Callable[[
         made, task = env.configuration, env.task
         step = transition(NUMPY, task, made.tire, made.geometry, made.reward)
         observe, start = task.observe(NUMPY), task.start(NUMPY)
-        world = World(Car(*(np.float64(value) for value in made.car)), made.rules, made.settings)
+        world = World(CarParameters(*(np.float64(value) for value in made.car)), made.rules, made.settings)
         rng = np.random.default_rng(0)
-        state, route = start(rng.random((task.uniforms, num_envs)), world)
+        state, task_state = start(rng.random((task.uniforms, num_envs)), world)
         zero = np.zeros(num_envs)
-        kept = [CarState(*(np.broadcast_to(value, num_envs) for value in state)), Memory(zero, zero, zero, zero, route)]
+        kept = [
+            CarState(*(np.broadcast_to(value, num_envs) for value in state)),
+            EpisodeState(zero, zero, zero, zero, task_state),
+        ]
         scale, bound = made.observation_scale[:, None], made.observation_bound[:, None]
         actions = rng.uniform(-1.0, 1.0, (8, 2, num_envs))
 

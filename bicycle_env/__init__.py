@@ -12,6 +12,7 @@ from bicycle_env.physics.presets import register_vehicle, vehicles
 from bicycle_env.physics.simulate import simulate
 from bicycle_env.physics.vehicle import UnitWarning, Vehicle
 from bicycle_env.registration import register
+from bicycle_env.tasks import disturbances, drivers, rewards
 
 __version__ = "0.1.0"
 
@@ -21,9 +22,12 @@ __all__ = [
     "Vehicle",
     "__version__",
     "analysis",
+    "disturbances",
+    "drivers",
     "plots",
     "register",
     "register_vehicle",
+    "rewards",
     "simulate",
     "tires",
     "vehicles",

@@ -61,7 +61,7 @@ ROWS = {
     "plots": Row({*BELOW_ENVS, "files", "installation"}, {"numpy"}, lazy_packages={"matplotlib"}),
     "optimum": Row({*BELOW_ENVS, "control", "envs"}, {"gymnasium", "numpy"}),  # on top: no other row names it
     "registration": Row(set(), {"gymnasium"}, lazy_layers={"envs"}),
-    "root": Row({"physics", "analysis", "registration"}, set(), lazy_layers={"plots", "rendering"}),
+    "root": Row({"physics", "analysis", "tasks", "registration"}, set(), lazy_layers={"plots", "rendering"}),
     "report": Row(EVERYTHING | {"report"}, {"numpy", "scipy"}, lazy_packages={"matplotlib", "gymnasium", "control"}),
     "cli": Row(EVERYTHING | {"report"}, set(), lazy_packages={"numpy", "gymnasium"}),
 }

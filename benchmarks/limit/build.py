@@ -10,8 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
+from bicycle_env.envs import blocks
+from bicycle_env.envs.registered_fleet import registered_fleet
+from bicycle_env.physics.single_track import CarParameters, CarState
+from bicycle_env.tasks.episode import Rules
 from bicycle_env.tasks.stabilise import Stabilise
 
 SOURCE = Path(__file__).parent / "single_track.c"
@@ -30,13 +35,29 @@ def build_line(tire: str, dtype: str, rows: int, target: str) -> list[str]:
     names = [f"-DTIRE_{tire.upper()}", f"-DREAL={real}", f"-DROWS={rows}", *(["-DSINGLE"] if real == "float" else [])]
     weights = dataclasses.asdict(Stabilise.rewards["default"])  # type: ignore[call-overload]
     names += [f"-D{name.upper()}={value!r}" for name, value in weights.items() if name != "name"]
-    return ["gcc", *flags(tire), "-shared", "-fPIC", *names, str(SOURCE), "-o", target, "-lmvec", "-lm"]
+    places = ["-I", str(Path(target).parent), str(SOURCE), "-o", target]
+    return ["gcc", *flags(tire), "-shared", "-fPIC", *names, *places, "-lmvec", "-lm"]
+
+
+def layout_header(rows: int) -> str:
+    """layout.h: where each number stands in a block and among those that all rows share."""
+    fleet = registered_fleet(gym.spec("BicycleStab-v0"), rows, {})
+    entries = len(fleet.observation_scale)
+    kind = blocks.Kind(fleet.configuration.task, entries, rows, False, "float64")
+    columns, shared = blocks.layout(kind), blocks.shared_layout(kind)
+    names = [f"COLUMN_{name} = {k}" for k, name in enumerate((*CarState._fields, *blocks.KEPT, "end"), columns.state)]
+    names += [f"NUMBER_{name} = {k}" for k, name in enumerate(CarParameters._fields, shared.car)]
+    names += [f"NUMBER_{name} = {k}" for k, name in enumerate(Rules._fields, shared.rules)]
+    names += [f"NUMBER_STEP_LIMIT = {shared.step_limit}", f"NUMBER_PER_SCALE = {shared.scale}"]
+    names += [f"NUMBER_BOUND = {shared.bound}", f"COLUMNS = {columns.width}", f"NUMBERS = {shared.whole}"]
+    return f"enum {{ {', '.join([*names, f'ENTRIES = {entries}']).upper()} }};\n"
 
 
 def kernel(tire: str, dtype: str = "float64", rows: int = 64) -> Callable[..., int]:
     """``step(numbers, actions, generators, observation, values, flags, end, restarts, first, last)`` in C."""
     with tempfile.TemporaryDirectory() as folder:
         target = str(Path(folder) / "single_track.so")
+        (Path(folder) / "layout.h").write_text(layout_header(rows), encoding="utf-8")
         subprocess.run(build_line(tire, dtype, rows, target), check=True)
         step = ctypes.CDLL(target).step
     step.restype = ctypes.c_long

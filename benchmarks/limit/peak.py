@@ -15,9 +15,9 @@ import numpy as np
 
 import bicycle_env  # noqa: F401  (registers the environments)
 from bicycle_env.physics.elementary import namespace
-from bicycle_env.physics.single_track import Car, CarState
-from bicycle_env.tasks.episode import Memory, Rules, World
-from bicycle_env.tasks.transition import transition
+from bicycle_env.physics.single_track import CarParameters, CarState
+from bicycle_env.tasks.control_step import transition
+from bicycle_env.tasks.episode import EpisodeState, Rules, World
 
 SOURCE = Path(__file__).parent / "peak.c"
 
@@ -121,11 +121,11 @@ def operations(tire: str) -> dict[str, int]:
     env: Any = gym.make("BicycleStab-v0", tire=tire).unwrapped
     made = env.configuration
     step = transition(xp, made.task, made.tire, made.geometry, made.reward)
-    world = World(Car(*map(float, made.car)), Rules(*map(float, made.rules)), made.settings)
+    world = World(CarParameters(*map(float, made.car)), Rules(*map(float, made.rules)), made.settings)
     state = CarState(*(Counted(value) for value in (0.0, 0.1, 0.05, 1.0, 0.2, 0.01, 0.01)))
     zero = [Counted(0.0) for _ in range(4)]
     Counted.done.clear()
-    step(state, Memory(*zero, made.task.Route()), (Counted(0.1), Counted(0.1)), world, made.substeps)
+    step(state, EpisodeState(*zero, made.task.TaskState()), (Counted(0.1), Counted(0.1)), world, made.substeps)
     return dict(Counted.done)
 
 

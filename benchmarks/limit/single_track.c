@@ -12,20 +12,14 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "layout.h" /* written by build.py from the Python tuples: COLUMN_..., NUMBER_..., and how many there are */
+
 #ifndef REAL
 #define REAL double
 #endif
 #ifndef ROWS
 #define ROWS 64
 #endif
-
-enum { X, Y, HEADING, V, R, FRONT, REAR, FRONT_COMMAND, REAR_COMMAND, STEPS, SETTLED, END, COLUMNS };
-enum {
-    SIZE, STEP_LIMIT, SPEED, MASS, INERTIA, A, B, CF, CR, FRONT_PEAK, REAR_PEAK, FRONT_ANGLE, REAR_ANGLE, FRONT_RATE,
-    REAR_RATE, FRONT_LAG, REAR_LAG, FRONT_EXTENT, REAR_EXTENT, WIDTH, TIMESTEP, SUBSTEPS, HORIZON, STEERS_FRONT,
-    STEERS_REAR, ROAD, SIDESLIP_LIMIT, YAW_LIMIT, HEADING_LIMIT, Y_TOLERANCE, HEADING_TOLERANCE, SIDESLIP_TOLERANCE,
-    YAW_TOLERANCE, SETTINGS, PER_SCALE = SETTINGS + 4, ENTRIES = 8, BOUND = PER_SCALE + ENTRIES
-};
 
 /* a b + c, rounded once, where the laws say xp.multiply_add. */
 #ifdef SINGLE
@@ -99,25 +93,25 @@ static inline REAL force(REAL slip, REAL stiffness, REAL peak) {
 typedef struct { REAL x, y, heading, v, r, front, rear; } State;
 
 static inline State rates(State s, REAL front_command, REAL rear_command, const REAL *w) {
-    REAL per_speed = 1.0 / w[SPEED];
-    REAL front_slip = SLIP(ADD(w[A], s.r, s.v), per_speed, s.front);
-    REAL rear_slip = SLIP(ADD(-w[B], s.r, s.v), per_speed, s.rear);
-    REAL yf = FORCE(front_slip, w[CF], w[FRONT_PEAK]) * STEERED(s.front);
-    REAL yr = FORCE(rear_slip, w[CR], w[REAR_PEAK]) * STEERED(s.rear);
+    REAL per_speed = 1.0 / w[NUMBER_SPEED];
+    REAL front_slip = SLIP(ADD(w[NUMBER_CG_TO_FRONT], s.r, s.v), per_speed, s.front);
+    REAL rear_slip = SLIP(ADD(-w[NUMBER_CG_TO_REAR], s.r, s.v), per_speed, s.rear);
+    REAL yf = FORCE(front_slip, w[NUMBER_FRONT_CORNERING_STIFFNESS], w[NUMBER_FRONT_PEAK_FORCE]) * STEERED(s.front);
+    REAL yr = FORCE(rear_slip, w[NUMBER_REAR_CORNERING_STIFFNESS], w[NUMBER_REAR_PEAK_FORCE]) * STEERED(s.rear);
     State d;
 #ifdef TIRE_LINEAR
-    d.x = w[SPEED];
-    d.y = ADD(w[SPEED], s.heading, s.v);
+    d.x = w[NUMBER_SPEED];
+    d.y = ADD(w[NUMBER_SPEED], s.heading, s.v);
 #else
     REAL si = sine(s.heading), co = cosine(s.heading);
-    d.x = ADD(w[SPEED], co, -s.v * si);
-    d.y = ADD(w[SPEED], si, s.v * co);
+    d.x = ADD(w[NUMBER_SPEED], co, -s.v * si);
+    d.y = ADD(w[NUMBER_SPEED], si, s.v * co);
 #endif
     d.heading = s.r;
-    d.v = ADD(-s.r, w[SPEED], (yf + yr) * (1.0 / w[MASS]));
-    d.r = ADD(yf, w[A] * (1.0 / w[INERTIA]), -yr * (w[B] * (1.0 / w[INERTIA])));
-    d.front = most(least((front_command - s.front) * (1.0 / w[FRONT_LAG]), w[FRONT_RATE]), -w[FRONT_RATE]);
-    d.rear = most(least((rear_command - s.rear) * (1.0 / w[REAR_LAG]), w[REAR_RATE]), -w[REAR_RATE]);
+    d.v = ADD(-s.r, w[NUMBER_SPEED], (yf + yr) * (1.0 / w[NUMBER_MASS]));
+    d.r = ADD(yf, w[NUMBER_CG_TO_FRONT] * (1.0 / w[NUMBER_YAW_INERTIA]), -yr * (w[NUMBER_CG_TO_REAR] * (1.0 / w[NUMBER_YAW_INERTIA])));
+    d.front = most(least((front_command - s.front) * (1.0 / w[NUMBER_FRONT_TIME_CONSTANT]), w[NUMBER_FRONT_RATE_LIMIT]), -w[NUMBER_FRONT_RATE_LIMIT]);
+    d.rear = most(least((rear_command - s.rear) * (1.0 / w[NUMBER_REAR_TIME_CONSTANT]), w[NUMBER_REAR_RATE_LIMIT]), -w[NUMBER_REAR_RATE_LIMIT]);
     return d;
 }
 
@@ -134,11 +128,11 @@ static inline State six_times_mean(State k1, State k2, State k3, State k4) {
 long step(REAL *numbers, const float *actions, const uint64_t *generators, float *observation, double *values, uint8_t *flags,
           int8_t *end, long cars, long axles, long restarts, long first, long last) {
     (void)generators, (void)restarts; /* it only steps: an episode that has ended goes on */
-    REAL w[BOUND + ENTRIES], *rows = numbers + (long)numbers[SIZE];
+    REAL w[NUMBERS], *rows = numbers + NUMBERS;
     memcpy(w, numbers, sizeof w);
-    const REAL h = w[TIMESTEP] / w[SUBSTEPS];
-    const REAL per_speed = 1.0 / w[SPEED], per_front = 1.0 / w[FRONT_ANGLE], per_rear = 1.0 / w[REAR_ANGLE];
-    const int substeps = (int)w[SUBSTEPS];
+    const REAL h = w[NUMBER_CONTROL_TIMESTEP] / w[NUMBER_SUBSTEPS];
+    const REAL per_speed = 1.0 / w[NUMBER_SPEED], per_front = 1.0 / w[NUMBER_FRONT_ANGLE_LIMIT], per_rear = 1.0 / w[NUMBER_REAR_ANGLE_LIMIT];
+    const int substeps = (int)w[NUMBER_SUBSTEPS];
     for (long row = first * ROWS; row < (last * ROWS < cars ? last * ROWS : cars); row++)
         for (long j = 0; j < axles; j++)
             if (!__builtin_isfinite(actions[row * axles + j])) return -1;
@@ -157,35 +151,35 @@ long step(REAL *numbers, const float *actions, const uint64_t *generators, float
             rear[k] = actions[(row + k) * axles + axles - 1];
         }
         for (int k = 0; k < ROWS; k++) {
-            front[k] = most(least(front[k], 1.0), -1.0) * w[STEERS_FRONT];
-            rear[k] = most(least(rear[k], 1.0), -1.0) * w[STEERS_REAR];
-            front_command[k] = front[k] * w[FRONT_ANGLE];
-            rear_command[k] = rear[k] * w[REAR_ANGLE];
+            front[k] = most(least(front[k], 1.0), -1.0) * w[NUMBER_STEERS_FRONT];
+            rear[k] = most(least(rear[k], 1.0), -1.0) * w[NUMBER_STEERS_REAR];
+            front_command[k] = front[k] * w[NUMBER_FRONT_ANGLE_LIMIT];
+            rear_command[k] = rear[k] * w[NUMBER_REAR_ANGLE_LIMIT];
         }
         for (int substep = 0; substep < substeps; substep++)
             for (int k = 0; k < ROWS; k++) {
-                State s = {c[X][k], c[Y][k], c[HEADING][k], c[V][k], c[R][k], c[FRONT][k], c[REAR][k]};
+                State s = {c[COLUMN_LONGITUDINAL_POSITION][k], c[COLUMN_LATERAL_POSITION][k], c[COLUMN_HEADING][k], c[COLUMN_LATERAL_VELOCITY][k], c[COLUMN_YAW_RATE][k], c[COLUMN_FRONT_STEER][k], c[COLUMN_REAR_STEER][k]};
                 State k1 = rates(s, front_command[k], rear_command[k], w);
                 State k2 = rates(moved(s, k1, 0.5 * h), front_command[k], rear_command[k], w);
                 State k3 = rates(moved(s, k2, 0.5 * h), front_command[k], rear_command[k], w);
                 State k4 = rates(moved(s, k3, h), front_command[k], rear_command[k], w);
                 s = moved(s, six_times_mean(k1, k2, k3, k4), h / 6.0);
-                c[X][k] = s.x; c[Y][k] = s.y; c[HEADING][k] = s.heading; c[V][k] = s.v; c[R][k] = s.r;
-                c[FRONT][k] = s.front; c[REAR][k] = s.rear;
+                c[COLUMN_LONGITUDINAL_POSITION][k] = s.x; c[COLUMN_LATERAL_POSITION][k] = s.y; c[COLUMN_HEADING][k] = s.heading; c[COLUMN_LATERAL_VELOCITY][k] = s.v; c[COLUMN_YAW_RATE][k] = s.r;
+                c[COLUMN_FRONT_STEER][k] = s.front; c[COLUMN_REAR_STEER][k] = s.rear;
             }
         for (int k = 0; k < ROWS; k++) {
-            REAL y = c[Y][k], heading = c[HEADING][k], v = c[V][k], r = c[R][k];
-            int spun = (fabs(v) > w[SIDESLIP_LIMIT] * w[SPEED]) | (fabs(r) > w[YAW_LIMIT])
-                     | (fabs(heading) > w[HEADING_LIMIT]);
-            int left = fabs(y) > ADD(0.5, w[WIDTH], w[ROAD]);
-            c[END][k] = spun ? 1.0 : left ? 2.0 : 0.0;
+            REAL y = c[COLUMN_LATERAL_POSITION][k], heading = c[COLUMN_HEADING][k], v = c[COLUMN_LATERAL_VELOCITY][k], r = c[COLUMN_YAW_RATE][k];
+            int spun = (fabs(v) > w[NUMBER_SIDESLIP_LIMIT] * w[NUMBER_SPEED]) | (fabs(r) > w[NUMBER_YAW_RATE_LIMIT])
+                     | (fabs(heading) > w[NUMBER_HEADING_LIMIT]);
+            int left = fabs(y) > ADD(0.5, w[NUMBER_BODY_WIDTH], w[NUMBER_ROAD_HALF_WIDTH]);
+            c[COLUMN_END][k] = spun ? 1.0 : left ? 2.0 : 0.0;
             REAL s = sine(heading);
-            REAL reach = ADD(0.5 * w[WIDTH], fabs(cosine(heading)),
-                             most(fabs(ADD(w[FRONT_EXTENT], s, y)), fabs(ADD(-w[REAR_EXTENT], s, y))));
-            cost[k] = reach > w[ROAD] ? 1.0 : 0.0;
+            REAL reach = ADD(0.5 * w[NUMBER_BODY_WIDTH], fabs(cosine(heading)),
+                             most(fabs(ADD(w[NUMBER_FRONT_EXTENT], s, y)), fabs(ADD(-w[NUMBER_REAR_EXTENT], s, y))));
+            cost[k] = reach > w[NUMBER_ROAD_HALF_WIDTH] ? 1.0 : 0.0;
             REAL sideslip = v * per_speed;
-            REAL df = ADD(-c[FRONT_COMMAND][k], per_front, front[k]);
-            REAL dr = ADD(-c[REAR_COMMAND][k], per_rear, rear[k]);
+            REAL df = ADD(-c[COLUMN_FRONT_STEER_COMMAND][k], per_front, front[k]);
+            REAL dr = ADD(-c[COLUMN_REAR_STEER_COMMAND][k], per_rear, rear[k]);
             REAL total = ADD((REAL)LATERAL_WEIGHT, y * y, 1.0);
             total = ADD((REAL)HEADING_WEIGHT, heading * heading, total);
             total = ADD((REAL)SIDESLIP_WEIGHT, sideslip * sideslip, total);
@@ -195,28 +189,28 @@ long step(REAL *numbers, const float *actions, const uint64_t *generators, float
             total = ADD((REAL)SMOOTHNESS_WEIGHT, df * df, total);
             total = ADD((REAL)SMOOTHNESS_WEIGHT, dr * dr, total);
             reward[k] = 1.0 / total;
-            int settled = (fabs(y) < w[Y_TOLERANCE]) & (fabs(heading) < w[HEADING_TOLERANCE])
-                        & (fabs(v) < w[SIDESLIP_TOLERANCE] * w[SPEED]) & (fabs(r) < w[YAW_TOLERANCE]);
-            c[SETTLED][k] = settled ? c[SETTLED][k] + 1.0 : 0.0;
-            c[STEPS][k] += 1.0;
-            c[FRONT_COMMAND][k] = front_command[k];
-            c[REAR_COMMAND][k] = rear_command[k];
+            int settled = (fabs(y) < w[NUMBER_LATERAL_TOLERANCE]) & (fabs(heading) < w[NUMBER_HEADING_TOLERANCE])
+                        & (fabs(v) < w[NUMBER_SIDESLIP_TOLERANCE] * w[NUMBER_SPEED]) & (fabs(r) < w[NUMBER_YAW_RATE_TOLERANCE]);
+            c[COLUMN_SETTLED_STEPS][k] = settled ? c[COLUMN_SETTLED_STEPS][k] + 1.0 : 0.0;
+            c[COLUMN_STEPS][k] += 1.0;
+            c[COLUMN_FRONT_STEER_COMMAND][k] = front_command[k];
+            c[COLUMN_REAR_STEER_COMMAND][k] = rear_command[k];
         }
-        static const int shown[ENTRIES] = {Y, HEADING, V, R, FRONT, REAR, FRONT_COMMAND, REAR_COMMAND};
+        static const int shown[ENTRIES] = {COLUMN_LATERAL_POSITION, COLUMN_HEADING, COLUMN_LATERAL_VELOCITY, COLUMN_YAW_RATE, COLUMN_FRONT_STEER, COLUMN_REAR_STEER, COLUMN_FRONT_STEER_COMMAND, COLUMN_REAR_STEER_COMMAND};
         for (int j = 0; j < ENTRIES; j++) {
-            const float bound = w[BOUND + j];
+            const float bound = w[NUMBER_BOUND + j];
             for (int k = 0; k < ROWS; k++) {
-                float value = c[shown[j]][k] * w[PER_SCALE + j];
+                float value = c[shown[j]][k] * w[NUMBER_PER_SCALE + j];
                 value = value > -bound ? value : -bound;
                 seen[j][k] = value < bound ? value : bound;
             }
         }
         memcpy(rows + block * COLUMNS * ROWS, c, sizeof c);
         for (int k = 0; k < here; k++) {
-            const int late = c[STEPS][k] >= w[STEP_LIMIT], over = c[END][k] > 0.0;
+            const int late = c[COLUMN_STEPS][k] >= w[NUMBER_STEP_LIMIT], over = c[COLUMN_END][k] > 0.0;
             values[row + k] = reward[k];
             values[cars + row + k] = cost[k];
-            end[row + k] = (int8_t)c[END][k];
+            end[row + k] = (int8_t)c[COLUMN_END][k];
             flags[row + k] = over;
             flags[cars + row + k] = late;
             ended += over | late;

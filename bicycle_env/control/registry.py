@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from typing import Any
 
@@ -36,7 +37,7 @@ def make(name: str, env: Any) -> Policy:
 
     Args:
         name: one of ``POLICIES``, or DRIVER+LAW: a driver at the front wheels and a law at the rear ones, for example
-            "preview+sano".
+            "preview+sano"; or "module:Class", a :class:`Policy` of one's own, which is made from the environment.
         env: the environment, wrapped or not.
 
     Raises:
@@ -49,8 +50,22 @@ def make(name: str, env: Any) -> Policy:
     if isinstance(name, str) and name in REAR_LAWS:
         drivers = " or ".join(repr(f"{driver}+{name}") for driver in DRIVERS)
         raise ValueError(f"policy {name!r} steers the rear wheels only, and needs a driver at the front: {drivers}.")
+    if isinstance(name, str) and ":" in name:
+        return _of_ones_own(name, plant)
     choice("policy", name, NAMES)
     policy: Policy = POLICIES[name](plant) if name in POLICIES else driver_and_law(name, plant)
+    return policy
+
+
+def _of_ones_own(name: str, plant: Plant) -> Policy:
+    module_name, _, class_name = name.partition(":")
+    try:
+        module = importlib.import_module(module_name)
+    except ImportError as error:
+        raise ValueError(f"policy {name!r}: the module {module_name!r} cannot be imported ({error})") from None
+    classes = [key for key, value in vars(module).items() if isinstance(value, type) and issubclass(value, Policy)]
+    made = vars(module)[choice(f"policy: class in {module_name}", class_name, classes)](plant)
+    policy: Policy = made
     return policy
 
 

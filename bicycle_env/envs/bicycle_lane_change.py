@@ -83,7 +83,8 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     `end` (a string) and `cost` (1.0 while a corner of the body is outside of the two lanes, else 0.0). With
     `telemetry=True` also: front_slip_angle, rear_slip_angle [rad], front_lateral_force, rear_lateral_force [N],
     lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2], sideslip [rad], front_saturation,
-    rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error [m], heading_error [rad], is_success.
+    rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error [m], heading_error [rad], clearance
+    (from the edge of the corridor to the nearest corner of the body) [m], is_success.
 
     ## Arguments
 
@@ -100,8 +101,13 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     | rear_actuator | `Actuator(3 deg, 9 deg/s, 0.05 s)` | the same for the rear axle |
     | control_timestep | `0.02` | s between actions |
     | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
-    | reward | `"default"` | `"default"`, `"quadratic"`, a `tasks.rewards.Reward` or its dict |
+    | reward | `"default"` | `"default"`, `"quadratic"`, a `rewards.Reward` or its dict |
     | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 300, by default |
+    | randomise | `None` | parameters drawn for each episode: `{"friction": (0.3, 1.0)}`, `(0.9, 1.2, "relative")` |
+    | disturbances | `()` | on the way: `Gust`, `FrictionStep`, `StiffnessLoss` of `bicycle_env.disturbances` |
+    | driver | `None` | at the front wheels: `"step"`, `"sine_sweep"`, `"sine_with_dwell"`, `"preview"`, an object |
+    | action_delay | `0` | control steps until an action acts |
+    | observation_delay | `0` | how many control steps ago the observations are of |
     | telemetry | `False` | more in `info` |
     | render_mode | `None` | `"human"` or `"rgb_array"` |
     | direction | `"random"` | `"left"`, `"right"` or `"random"` |

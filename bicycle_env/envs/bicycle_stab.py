@@ -77,7 +77,8 @@ class BicycleStabEnv(SingleTrackEnv):
     `end` (a string) and `cost` (1.0 while a corner of the body is outside of the lane, else 0.0). With
     `telemetry=True` also: front_slip_angle, rear_slip_angle [rad], front_lateral_force, rear_lateral_force [N],
     lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2], sideslip [rad], front_saturation,
-    rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error [m], heading_error [rad], is_success.
+    rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error [m], heading_error [rad], clearance
+    (from the edge of the corridor to the nearest corner of the body) [m], is_success.
 
     ## Arguments
 
@@ -94,14 +95,27 @@ class BicycleStabEnv(SingleTrackEnv):
     | rear_actuator | `Actuator(3 deg, 9 deg/s, 0.05 s)` | the same for the rear axle |
     | control_timestep | `0.02` | s between actions |
     | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
-    | reward | `"default"` | `"default"`, `"quadratic"`, a `tasks.rewards.Reward` or its dict |
+    | reward | `"default"` | `"default"`, `"quadratic"`, a `rewards.Reward` or its dict |
     | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 400, by default |
+    | randomise | `None` | parameters drawn for each episode: `{"friction": (0.3, 1.0)}`, `(0.9, 1.2, "relative")` |
+    | disturbances | `()` | on the way: `Gust`, `FrictionStep`, `StiffnessLoss` of `bicycle_env.disturbances` |
+    | driver | `None` | at the front wheels: `"step"`, `"sine_sweep"`, `"sine_with_dwell"`, `"preview"`, an object |
+    | action_delay | `0` | control steps until an action acts |
+    | observation_delay | `0` | how many control steps ago the observations are of |
     | telemetry | `False` | more in `info` |
     | render_mode | `None` | `"human"` or `"rgb_array"` |
 
     `reset(options={"state": {"lateral_velocity": 1.0, "yaw_rate": 0.2}})` starts from a given state; names not given
     are 0. Settable: longitudinal_position, lateral_position, heading, lateral_velocity, yaw_rate, front_steer,
-    rear_steer, front_steer_command, rear_steer_command.
+    rear_steer, front_steer_command, rear_steer_command. `reset(options={"friction": 0.5})` says a number that
+    `randomise` would draw, for this episode.
+
+    `randomise` knows friction, mass, yaw_inertia, front_cornering_stiffness, rear_cornering_stiffness,
+    front_time_constant and rear_time_constant; they are drawn after the start, which stays the same for a seed. They
+    and the disturbances act in the equations of motion, anew in each RK4 step; observations, scales, limits, `speed`,
+    `friction` and controllers are those of the nominal car. With a `driver` the action is the rear axle's
+    (`steer="rear"`) or also corrects what the driver does (`"both"`). All stand in `env.unwrapped.state`; what
+    `randomise` draws also stands in `info`.
 
     ## Version history
 

@@ -16,15 +16,17 @@ import numba
 import numpy as np
 
 from bicycle_env.envs import blocks
-from bicycle_env.envs.blocks import SIZE, STEP_LIMIT, Kind, Pair, columns, layout, preview_times, store
+from bicycle_env.envs.blocks import Kind, layout, shared_layout
 from bicycle_env.envs.draws import fetch, next_double
 from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import first_bit
+from bicycle_env.physics.records import reader, writer
 from bicycle_env.physics.single_track import Axles, axles
 from bicycle_env.physics.tires import Linear, Tire
+from bicycle_env.tasks.control_step import car_of_the_moment, parts
+from bicycle_env.tasks.ends import body_reach
 from bicycle_env.tasks.episode import Reference
 from bicycle_env.tasks.rewards import Reward
-from bicycle_env.tasks.transition import stages
 
 BAD_ACTION = -1
 """What ``step`` returns for an action that is not finite; nothing has changed then."""
@@ -62,14 +64,14 @@ def number_type(kind: Kind) -> Any:
     return numba.from_dtype(np.dtype(kind.dtype))
 
 
-@compiled.inlined
-def split(numbers: Any) -> Any:
-    """What all rows share, and the blocks."""
-    size = int(numbers[SIZE])
-    return numbers[:size], numbers[size:]
+class Pair(NamedTuple):
+    """One number per axle."""
+
+    front: Any
+    rear: Any
 
 
-class Episode(NamedTuple):
+class CarFunctions(NamedTuple):
     """Inlined functions on car k of a block: what begins an episode and how it looks."""
 
     begin: Any
@@ -85,57 +87,57 @@ class Episode(NamedTuple):
 
 
 @functools.cache
-def _episode(kind: Kind) -> Episode:
+def car_functions(kind: Kind) -> CarFunctions:
     xp, access, at = kind.xp, blocks.access(kind), layout(kind)
     task = kind.task
     uniforms, end_column = task.uniforms, at.end * kind.length
     start_law, reference = xp.function(task.start(xp)), xp.function(task.reference(xp))
     outside = xp.function(task.cost(xp))
     observe_law, preview_law = xp.function(task.observe(xp)), xp.function(task.preview(xp))
-    keep_route = store(xp, len(task.Route._fields), at.route, kind.length)
 
     def begin(block: Any, k: Any, shared: Any, drawn: Any, generator: Any) -> None:
         for j in range(uniforms):
             drawn[j] = next_double(generator)
-        state, route = start_law(drawn, access.world(block, k, shared))
+        state, task_state = start_law(drawn, access.world(block, k, shared))
         access.keep_state(block, k, state)
-        access.keep_memory(block, k, (0.0, 0.0, 0.0, 0.0))
-        keep_route(block, k, route)
+        access.keep_episode(block, k, (0.0, 0.0, 0.0, 0.0))
+        access.keep_task_state(block, k, task_state)
         block[k + end_column] = 0.0
 
     def cost(block: Any, k: Any, shared: Any) -> Any:
         mine, state = access.world(block, k, shared), access.state(block, k)
-        return outside(state, reference(state, access.route(block, k), mine), mine)
+        return outside(state, reference(state, access.task_state(block, k), mine), mine)
 
     def is_over(block: Any, k: Any, step_limit: Any) -> Any:
-        return (block[k + end_column] > 0.0) | (access.memory(block, k).steps >= step_limit)
+        return (block[k + end_column] > 0.0) | (access.episode(block, k).steps >= step_limit)
 
     def observe(block: Any, k: Any, shared: Any) -> Any:
-        return observe_law(access.state(block, k), access.memory(block, k), access.world(block, k, shared))
+        return observe_law(access.state(block, k), access.episode(block, k), access.world(block, k, shared))
 
     def preview(block: Any, k: Any, shared: Any, time: Any) -> Any:
-        return preview_law(access.state(block, k), access.route(block, k), access.world(block, k, shared), time)
+        return preview_law(access.state(block, k), access.task_state(block, k), access.world(block, k, shared), time)
 
-    return Episode(*(xp.function(law) for law in (begin, cost, is_over, observe, preview)))
+    return CarFunctions(*(xp.function(law) for law in (begin, cost, is_over, observe, preview)))
 
 
 @functools.cache
 def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
-    xp, length, entries, access = kind.xp, kind.length, kind.entries, blocks.access(kind)
-    task, block_columns, episode = kind.task, layout(kind).width, _episode(kind)
+    xp, length, entries, access, place = kind.xp, kind.length, kind.entries, blocks.access(kind), shared_layout(kind)
+    task, block_columns, car = kind.task, layout(kind).width, car_functions(kind)
     block_size, uniforms = block_columns * length, task.uniforms
-    begin, advance, finish = (xp.function(law) for law in stages(xp, task, tire, geometry, reward))
-    times = preview_times(kind)
+    begin, advance, finish = (xp.function(law) for law in parts(xp, task, tire, geometry, reward))
+    keep_after = blocks.keeper(kind)
+    limit_at, times, shared_size = place.step_limit, place.times, place.whole
 
     # The scratch: a block, and after it what one step needs of each car.
-    action_at, stage_at, result_at, waits_at, seen_at = (block_columns + k for k in (0, 4, 5, 7, 8))
+    action_at, before_at, result_at, waits_at, seen_at = (block_columns + k for k in (0, 4, 5, 7, 8))
     size = (seen_at + 2 * entries) * length
-    read_action, keep_action = columns(xp, Pair, action_at, length), store(xp, 2, action_at, length)
-    read_command, keep_command = columns(xp, Pair, action_at + 2, length), store(xp, 2, action_at + 2, length)
-    keep_result = store(xp, 2, result_at, length)
-    stage_column, reward_column, cost_column, waits_column, end_column, shown_column = (
+    read_action, keep_action = reader(xp, Pair, action_at, length), writer(xp, 2, action_at, length)
+    read_command, keep_command = reader(xp, Pair, action_at + 2, length), writer(xp, 2, action_at + 2, length)
+    keep_result = writer(xp, 2, result_at, length)
+    before_column, reward_column, cost_column, waits_column, end_column, shown_column = (
         column * length
-        for column in (stage_at, result_at, result_at + 1, waits_at, layout(kind).end, seen_at + entries)
+        for column in (before_at, result_at, result_at + 1, waits_at, layout(kind).end, seen_at + entries)
     )
 
     def limit(action: Any, steers: Any) -> Any:
@@ -156,9 +158,9 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
         first: Any,
         last: Any,
     ) -> int:
-        world, rows = split(numbers)
+        shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
         cars, axle = actions.shape[0], actions.shape[1] - 1
-        step_limit = world[STEP_LIMIT]
+        step_limit = shared_numbers[limit_at]
 
         # Before anything changes: are the actions good?
         taken = actions[first * length : last * length].reshape(-1)
@@ -169,12 +171,12 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
             for row in range(first * length, min(last * length, cars)):
                 if not (np.isfinite(actions[row, 0]) and np.isfinite(actions[row, axle])):
                     block_start = row // length * block_size
-                    if not episode.is_over(rows[block_start : block_start + block_size], row % length, step_limit):
+                    if not car.is_over(rows[block_start : block_start + block_size], row % length, step_limit):
                         return BAD_ACTION
 
-        shared = access.shared(world)
+        shared = access.shared(shared_numbers)
         rules = shared.rules
-        substeps = int(rules.substeps)
+        substeps, physics_timestep = int(rules.substeps), rules.control_timestep / rules.substeps
         scratch = np.zeros(size, rows.dtype)
         flat_observation = observation.reshape(-1)
         drawn = np.empty(uniforms)
@@ -194,17 +196,17 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
                 for k in range(here):
                     keep_action(scratch, k, (given[k], given[k]))
 
-            # The step, in the three parts of tasks/transition.py.
+            # The step, in the three parts of tasks/control_step.py.
             for k in range(length):
                 action = read_action(scratch, k)
                 front = limited(action.front, rules.steers_front)
                 rear = limited(action.rear, rules.steers_rear)
                 mine = access.world(scratch, k, shared)
-                command, stage = begin(access.state(scratch, k), access.memory(scratch, k), (front, rear), mine)
+                command, before = begin(access.state(scratch, k), access.episode(scratch, k), (front, rear), mine)
                 keep_action(scratch, k, (front, rear))
                 keep_command(scratch, k, command)
-                scratch[k + stage_column] = stage
-                scratch[k + waits_column] = xp.where(episode.is_over(scratch, k, step_limit), 1.0, 0.0)
+                scratch[k + before_column] = before
+                scratch[k + waits_column] = xp.where(car.is_over(scratch, k, step_limit), 1.0, 0.0)
             waiting = np.uint64(0)  # bit k: car k
             for k in range(here):
                 waiting |= np.uint64(scratch[k + waits_column] > 0.0) << np.uint64(k)
@@ -212,22 +214,26 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
             while left:  # their generators may be far away in memory: on their way while the others drive
                 fetch(generators[row + first_bit(left)])
                 left &= left - one
+            elapsed = 0.0 * physics_timestep
             for _ in range(substeps):
                 for k in range(length):
                     command = read_command(scratch, k)
                     mine = access.world(scratch, k, shared)
-                    state = advance(access.state(scratch, k), (command.front, command.rear), mine)
+                    episode = access.episode(scratch, k)
+                    state = advance(access.state(scratch, k), episode, (command.front, command.rear), elapsed, mine)
                     access.keep_state(scratch, k, state)
+                elapsed += physics_timestep
             for k in range(length):
-                action = read_action(scratch, k)
-                memory, reward, code, cost = finish(
+                action, command = read_action(scratch, k), read_command(scratch, k)
+                episode, reward, code, cost = finish(
                     access.state(scratch, k),
-                    access.memory(scratch, k),
+                    access.episode(scratch, k),
                     (action.front, action.rear),
-                    scratch[k + stage_column],
+                    (command.front, command.rear),
+                    scratch[k + before_column],
                     access.world(scratch, k, shared),
                 )
-                access.keep_memory(scratch, k, memory)
+                keep_after(scratch, k, episode)
                 keep_result(scratch, k, (reward, cost))
                 scratch[k + end_column] = code
 
@@ -237,26 +243,26 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
                 k = first_bit(left)
                 left &= left - one
                 if restarts:
-                    episode.begin(scratch, k, shared, drawn, generators[row + k])
+                    car.begin(scratch, k, shared, drawn, generators[row + k])
                 else:
                     for j in range(block_columns):
                         scratch[k + j * length] = stored[k + j * length]
-                keep_result(scratch, k, (0.0, episode.cost(scratch, k, shared)))
+                keep_result(scratch, k, (0.0, car.cost(scratch, k, shared)))
             for k in range(block_size):
                 stored[k] = scratch[k]
 
             # What is seen: values, then scaled and clipped to float32, column by column.
             for k in range(length):
-                seen_values = episode.observe(scratch, k, shared)
+                seen_values = car.observe(scratch, k, shared)
                 for j in range(len(seen_values)):
                     scratch[k + (seen_at + j) * length] = seen_values[j]
             for j in range(len(seen_values), entries):
-                time = world[times + j - len(seen_values)]
+                time = shared_numbers[times + j - len(seen_values)]
                 for k in range(length):
-                    scratch[k + (seen_at + j) * length] = episode.preview(scratch, k, shared, time)
+                    scratch[k + (seen_at + j) * length] = car.preview(scratch, k, shared, time)
             shown = scratch[shown_column:].view(np.float32)
             for j in range(entries):
-                per_scale, bound = access.scaling(world, j)
+                per_scale, bound = access.scaling(shared_numbers, j)
                 for k in range(length):
                     value = scratch[k + (seen_at + j) * length]
                     shown[k + j * length] = access.entry(value, scratch, k, per_scale, bound, j)
@@ -274,7 +280,7 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
             for k in range(here):
                 terminated[k] = scratch[k + end_column] > 0.0
             for k in range(here):
-                truncated[k] = access.memory(scratch, k).steps >= step_limit
+                truncated[k] = access.episode(scratch, k).steps >= step_limit
             for k in range(here):
                 ended += terminated[k] | truncated[k]
             seen = flat_observation[row * entries : (row + here) * entries]
@@ -301,35 +307,36 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
 
 
 @functools.cache
-def _beginning(kind: Kind) -> tuple[Any, Any]:
+def beginning(kind: Kind) -> tuple[Any, Any]:
     """``start`` and ``look``, the same for every tire, geometry and reward."""
-    length, entries, access, episode = kind.length, kind.entries, blocks.access(kind), _episode(kind)
-    block_size, uniforms, times = layout(kind).width * length, kind.task.uniforms, preview_times(kind)
+    length, entries, access, car = kind.length, kind.entries, blocks.access(kind), car_functions(kind)
+    block_size, uniforms = layout(kind).width * length, kind.task.uniforms
+    times, shared_size = shared_layout(kind).times, shared_layout(kind).whole
 
     def start(numbers: Any, mask: Any, generators: Any) -> None:
-        world, rows = split(numbers)
-        shared = access.shared(world)
+        shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
+        shared = access.shared(shared_numbers)
         drawn = np.empty(uniforms)
         for row in range(len(mask)):
             if mask[row]:
                 block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
-                episode.begin(block, k, shared, drawn, generators[row])
+                car.begin(block, k, shared, drawn, generators[row])
 
     def look(numbers: Any, mask: Any, observation: Any, values: Any) -> None:
-        world, rows = split(numbers)
-        shared = access.shared(world)
+        shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
+        shared = access.shared(shared_numbers)
         for row in range(len(mask)):
             if mask[row]:
                 block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
-                seen_values = episode.observe(block, k, shared)
+                seen_values = car.observe(block, k, shared)
                 for j in range(entries):
                     if j < len(seen_values):
                         value = seen_values[j]
                     else:
-                        value = episode.preview(block, k, shared, world[times + j - len(seen_values)])
-                    per_scale, bound = access.scaling(world, j)
+                        value = car.preview(block, k, shared, shared_numbers[times + j - len(seen_values)])
+                    per_scale, bound = access.scaling(shared_numbers, j)
                     observation[row, j] = access.entry(value, block, k, per_scale, bound, j)
-                values[1, row] = episode.cost(block, k, shared)
+                values[1, row] = car.cost(block, k, shared)
 
     flat, mask_type, table = number_type(kind)[::1], numba.boolean[::1], numba.float32[:, ::1]
     return (
@@ -339,40 +346,50 @@ def _beginning(kind: Kind) -> tuple[Any, Any]:
 
 
 @functools.cache
-def _measure(kind: Kind, tire: Tire, geometry: str) -> Any:
+def measuring(kind: Kind, tire: Tire, geometry: str) -> Any:
+    """``measure``."""
     xp, length, access = kind.xp, kind.length, blocks.access(kind)
-    block_size = layout(kind).width * length
-    axles_law = xp.function(axles(xp, tire, geometry))
+    block_size, shared_size = layout(kind).width * length, shared_layout(kind).whole
+    moment = xp.function(car_of_the_moment(xp, kind.task))
+    axles_law = xp.function(axles(xp, tire, geometry, kind.task.conditions(xp) is not None))
     reference_law = xp.function(kind.task.reference(xp))
-    keep_acting = store(xp, len(Axles._fields), 0, 1)
-    keep_reference = store(xp, len(Reference._fields), len(Axles._fields), 1)
+    keep_acting = writer(xp, len(Axles._fields), 0, 1)
+    keep_reference = writer(xp, len(Reference._fields), len(Axles._fields), 1)
+    keep_rest = writer(xp, 3, len(Axles._fields) + len(Reference._fields), 1)
+    reach_law = xp.function(body_reach(xp))
 
     def measure(numbers: Any, out: Any) -> None:
-        world, rows = split(numbers)
-        shared = access.shared(world)
+        shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
+        shared = access.shared(shared_numbers)
         for row in range(len(out)):
             block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
             state, mine = access.state(block, k), access.world(block, k, shared)
-            keep_acting(out[row], 0, axles_law(state, mine.car))
-            keep_reference(out[row], 0, reference_law(state, access.route(block, k), mine))
+            episode = access.episode(block, k)
+            now = moment(state, episode, 0.0 * episode.steps, mine)
+            keep_acting(out[row], 0, axles_law(state, now))
+            reference = reference_law(state, episode.task_state, mine)
+            keep_reference(out[row], 0, reference)
+            clearance = reference.road_half_width - reach_law(state, reference, mine)
+            keep_rest(out[row], 0, (now.front_peak_force, now.rear_peak_force, clearance))
 
-    with announcements.progress(_label(kind, tire, geometry)):
+    with announcements.progress(label(kind, tire, geometry)):
         return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)
 
 
-def _label(kind: Kind, tire: Tire, geometry: str) -> str:
-    return (
-        f"{kind.task.name} for many cars with the {type(tire).__name__} tire, {geometry} geometry, "
-        f"{kind.dtype}, in blocks of {kind.length}" + (", each car with its own numbers" if kind.varied else "")
-    )
+def label(kind: Kind, tire: Tire, geometry: str) -> str:
+    """What is being compiled, in words."""
+    many = " for many cars" if kind.length > 1 else ""
+    blocks_of = f", {kind.dtype}, in blocks of {kind.length}" if many else ""
+    own = ", each car with its own numbers" if kind.varied else ""
+    return f"{kind.task.name}{many} with the {type(tire).__name__} tire, {geometry} geometry{blocks_of}{own}"
 
 
 def kernels(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Kernels:
     """Compile the functions of a combination, or load them from the cache on disk."""
 
     def measure(numbers: Any, out: Any) -> None:
-        _measure(kind, tire, geometry)(numbers, out)
+        measuring(kind, tire, geometry)(numbers, out)
 
-    with announcements.progress(_label(kind, tire, geometry)):
-        start, look = _beginning(kind)
+    with announcements.progress(label(kind, tire, geometry)):
+        start, look = beginning(kind)
         return Kernels(_step(kind, tire, geometry, reward), start, look, measure)

@@ -1,26 +1,24 @@
-"""How many cars lie in memory: blocks of a fixed number of rows, each number of all cars of a block side by side.
+"""How cars lie in memory: blocks of a fixed number of rows, each number of all cars of a block side by side.
 
-Such structures of arrays let the compiler turn a loop over the cars into vector instructions. Here is the way between
-a block and the named tuples that the laws are written with.
+Such structures of arrays let the compiler turn a loop over the cars into vector instructions; one car is a block of one
+row. Here is the way between a block and the named tuples that the laws are written with.
 """
 
 from __future__ import annotations
 
 import functools
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.np.unsafe.ndarray import to_fixed_tuple
-from numpy.typing import NDArray
 
 from bicycle_env.physics import compiled
-from bicycle_env.physics.single_track import Car, CarState
-from bicycle_env.tasks.episode import Memory, Rules, World
+from bicycle_env.physics.records import reader, writer
+from bicycle_env.physics.single_track import CarParameters, CarState
+from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.task import Task
 
 KEPT = ("front_steer_command", "rear_steer_command", "steps", "settled_steps")
-"""The numbers of Memory, without the route."""
+"""The numbers of EpisodeState, without the task's own."""
 
 ROW_COST = {4: 2.0, 8: 1.4, 64: 1.0}
 """Rows a block, and what a row costs in it, roughly: in a long block one row's work fills the waiting of another's.
@@ -32,28 +30,6 @@ At most 64: a step keeps the waiting cars of a block as the bits of one number.
 def best_length(num_envs: int) -> int:
     """Rows a block for so many cars; the last block is filled up."""
     return min(ROW_COST, key=lambda length: -(-num_envs // length) * length * ROW_COST[length])
-
-
-class Layout(NamedTuple):
-    """The first column of each group of numbers in a block, and how many columns there are."""
-
-    state: int
-    kept: int
-    end: int
-    """The end code of the episode, 0 while it is running."""
-    route: int
-    car: int
-    """Car, settings and scales stand in the block only where rows differ in them."""
-    settings: int
-    scale: int
-    width: int
-
-
-class Pair(NamedTuple):
-    """One number per axle."""
-
-    front: Any
-    rear: Any
 
 
 class Kind(NamedTuple):
@@ -75,100 +51,121 @@ class Kind(NamedTuple):
         return compiled.NUMBA if self.dtype == "float64" else compiled.NUMBA_FLOAT32
 
 
+class Layout(NamedTuple):
+    """The first column of each group of numbers in a block, and how many columns there are."""
+
+    state: int
+    kept: int
+    end: int
+    """The end code of the episode, 0 while it is running."""
+    task_state: int
+    car: int
+    """Car, settings and scales stand in the block only where rows differ in them."""
+    settings: int
+    scale: int
+    width: int
+
+
 def layout(kind: Kind) -> Layout:
     """The columns of a block."""
-    kept = len(CarState._fields)
-    end = kept + len(KEPT)
-    route = end + 1
-    car = route + len(kind.task.Route._fields)
-    settings = car + (len(Car._fields) if kind.varied else 0)
-    scale = settings + (len(kind.task.Settings._fields) if kind.varied else 0)
-    return Layout(0, kept, end, route, car, settings, scale, scale + (kind.entries if kind.varied else 0))
+    sizes = [len(CarState._fields), len(KEPT), 1, len(kind.task.TaskState._fields)]
+    own = [len(CarParameters._fields), len(kind.task.Settings._fields), kind.entries]
+    return Layout(*_places([*sizes, *(size if kind.varied else 0 for size in own)]))
 
 
-def shared_numbers(
-    car: Car, rules: Rules, settings: Any, scale: Any, bound: Any, preview_times: Any, step_limit: float, dtype: Any
-) -> NDArray[Any]:
-    """What all rows share; `step_limit` is infinite where episodes have none. Ends at a cache line."""
-    numbers = [math.nan, step_limit, *car, *rules, *settings, *(1.0 / scale), *bound, *preview_times]
-    numbers += [0.0] * (-len(numbers) % LINE)
-    numbers[SIZE] = len(numbers)
-    return np.array(numbers, dtype=dtype)
+class SharedLayout(NamedTuple):
+    """Where each group of the numbers that all rows share begins, and how many numbers those are."""
+
+    step_limit: int
+    """In steps; infinite where episodes have none."""
+    car: int
+    rules: int
+    settings: int
+    scale: int
+    """1 / scale of each entry of the observation."""
+    bound: int
+    times: int
+    """Look-ahead times of the preview."""
+    whole: int
+    """Filled up, so that the blocks begin at a cache line."""
 
 
-def columns(xp: Any, record: Any, first: int, length: int) -> Any:
-    """``read(scratch, k) -> record`` of car k from the columns `first` and on.
-
-    Written out as source: numba makes no tuple of a varying number of strided elements.
-    """
-    places = ", ".join(f"scratch[k + {(first + j) * length}]" for j in range(len(record._fields)))
-    scope: dict[str, Any] = {"record": record}
-    exec(f"def read(scratch, k):\n    return record({places})", scope)
-    return xp.function(scope["read"])
+LINE = 16  # numbers: at least a cache line
 
 
-def store(xp: Any, count: int, first: int, length: int) -> Any:
-    """``write(scratch, k, values)`` of the first `count` values into the columns `first` and on."""
-    lines = "".join(f"\n    scratch[k + {(first + j) * length}] = values[{j}]" for j in range(count))
-    scope: dict[str, Any] = {}
-    exec(f"def write(scratch, k, values):{lines or ' pass'}", scope)
-    return xp.function(scope["write"])
+def shared_layout(kind: Kind) -> SharedLayout:
+    """The places of what all rows share; the blocks follow."""
+    sizes = [
+        1,
+        len(CarParameters._fields),
+        len(Rules._fields),
+        len(kind.task.Settings._fields),
+        kind.entries,
+        kind.entries,
+    ]
+    *places, end = _places([*sizes, len(kind.task.preview_times)])
+    return SharedLayout._make([*places, end + -end % LINE])
+
+
+def _places(sizes: list[int]) -> list[int]:
+    """Where each group begins, and the sum."""
+    return [sum(sizes[:k]) for k in range(len(sizes) + 1)]
+
+
+def shared_numbers(kind: Kind, world: World, scale: Any, bound: Any, step_limit: float) -> Any:
+    """The array of :class:`SharedLayout`."""
+    car, rules, settings = world
+    numbers = [step_limit, *car, *rules, *settings, *(1.0 / scale), *bound, *kind.task.preview_times]
+    return np.array([*numbers, *[0.0] * (shared_layout(kind).whole - len(numbers))], dtype=kind.dtype)
 
 
 class Access(NamedTuple):
     """Inlined functions between a block and the named tuples that the laws are written with; car k of the block."""
 
     shared: Any
-    """``shared(world) -> World``, the numbers that all rows share."""
+    """``shared(numbers) -> World``, the numbers that all rows share."""
     world: Any
     """``world(block, k, shared) -> World`` of a car."""
     state: Any
     """``state(block, k) -> CarState``."""
-    route: Any
-    """``route(block, k)``."""
-    memory: Any
-    """``memory(block, k) -> Memory``."""
+    task_state: Any
+    """``task_state(block, k)``."""
+    episode: Any
+    """``episode(block, k) -> EpisodeState``."""
     keep_state: Any
     """``keep_state(block, k, state)``."""
-    keep_memory: Any
-    """``keep_memory(block, k, memory)``: all but the route, which stays the same."""
+    keep_episode: Any
+    """``keep_episode(block, k, episode)``: all but the task's own."""
+    keep_task_state: Any
+    """``keep_task_state(block, k, task_state)``."""
     scaling: Any
-    """``scaling(world, j) -> (1 / scale, bound)`` of entry j of the observation, as all rows share them."""
+    """``scaling(numbers, j) -> (1 / scale, bound)`` of entry j of the observation, as all rows share them."""
     entry: Any
     """``entry(value, block, k, per_scale, bound, j) -> float32``: entry j of the observation, scaled and clipped."""
-
-
-LINE = 16  # numbers: at least a cache line
-SIZE, STEP_LIMIT, CAR = 0, 1, 2
-"""Where the shared numbers stand: how many they are, the time limit in steps, Car, then the groups that follow."""
-RULES = CAR + len(Car._fields)
-SETTINGS = RULES + len(Rules._fields)
 
 
 @functools.cache
 def access(kind: Kind) -> Access:
     """Bind them for a kind."""
-    xp, length, at = kind.xp, kind.length, layout(kind)
-    Settings = kind.task.Settings
-    car_size, rules_size, settings_size = len(Car._fields), len(Rules._fields), len(Settings._fields)
-    scales = SETTINGS + settings_size
-    bounds = scales + kind.entries
+    xp, length, at, place = kind.xp, kind.length, layout(kind), shared_layout(kind)
+    Settings, TaskState = kind.task.Settings, kind.task.TaskState
+    shared_car, shared_rules = reader(xp, CarParameters, place.car, 1), reader(xp, Rules, place.rules, 1)
+    shared_settings = reader(xp, Settings, place.settings, 1)
+    scales, bounds = place.scale, place.bound
     kept = at.kept * length
-    route = columns(xp, kind.task.Route, at.route, length)
+    task_state = reader(xp, TaskState, at.task_state, length)
 
-    def shared(world: Any) -> World:
-        return World(
-            Car(*to_fixed_tuple(world[CAR:RULES], car_size)),
-            Rules(*to_fixed_tuple(world[RULES:SETTINGS], rules_size)),
-            Settings(*to_fixed_tuple(world[SETTINGS:scales], settings_size)),
+    def shared(numbers: Any) -> World:
+        return World(shared_car(numbers, 0), shared_rules(numbers, 0), shared_settings(numbers, 0))
+
+    def episode(block: Any, k: Any) -> EpisodeState:
+        j = k + kept
+        return EpisodeState(
+            block[j], block[j + length], block[j + 2 * length], block[j + 3 * length], task_state(block, k)
         )
 
-    def memory(block: Any, k: Any) -> Memory:
-        j = k + kept
-        return Memory(block[j], block[j + length], block[j + 2 * length], block[j + 3 * length], route(block, k))
-
     if kind.varied:
-        own_car, own_settings = columns(xp, Car, at.car, length), columns(xp, Settings, at.settings, length)
+        own_car, own_settings = reader(xp, CarParameters, at.car, length), reader(xp, Settings, at.settings, length)
 
         def world(block: Any, k: Any, shared: Any) -> World:
             return World(own_car(block, k), shared.rules, own_settings(block, k))
@@ -186,8 +183,8 @@ def access(kind: Kind) -> Access:
 
     scale_of = xp.function(own_scale)
 
-    def scaling(world: Any, j: Any) -> Any:
-        return world[scales + j], np.float32(world[bounds + j])
+    def scaling(numbers: Any, j: Any) -> Any:
+        return numbers[scales + j], np.float32(numbers[bounds + j])
 
     def entry(value: Any, block: Any, k: Any, per_scale: Any, bound: Any, j: Any) -> Any:
         scaled = np.float32(value * scale_of(block, k, per_scale, j))
@@ -196,16 +193,26 @@ def access(kind: Kind) -> Access:
     return Access(
         xp.function(shared),
         xp.function(world),
-        columns(xp, CarState, at.state, length),
-        route,
-        xp.function(memory),
-        store(xp, len(CarState._fields), at.state, length),
-        store(xp, len(KEPT), at.kept, length),
+        reader(xp, CarState, at.state, length),
+        task_state,
+        xp.function(episode),
+        writer(xp, len(CarState._fields), at.state, length),
+        writer(xp, len(KEPT), at.kept, length),
+        writer(xp, len(TaskState._fields), at.task_state, length),
         xp.function(scaling),
         xp.function(entry),
     )
 
 
-def preview_times(kind: Kind) -> int:
-    """Where the look-ahead times begin in `world`."""
-    return SETTINGS + len(kind.task.Settings._fields) + 2 * kind.entries
+def keeper(kind: Kind) -> Any:
+    """``keep(block, k, episode)`` of what a control step changes: the task's own only where it remembers."""
+    own = access(kind)
+    if kind.task.remember(kind.xp) is None:
+        return own.keep_episode
+
+    def keep(block: Any, k: Any, episode: Any) -> None:
+        own_episode(block, k, episode)
+        own_task_state(block, k, episode.task_state)
+
+    own_episode, own_task_state = own.keep_episode, own.keep_task_state
+    return kind.xp.function(keep)

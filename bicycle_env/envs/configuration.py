@@ -22,12 +22,13 @@ from bicycle_env.physics.integrators import check_timestep
 from bicycle_env.physics.linear_single_track import fastest_rate, state_matrix
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.simulate import resolve_geometry
-from bicycle_env.physics.single_track import Car, car_on_road
+from bicycle_env.physics.single_track import CarParameters, car_on_road
 from bicycle_env.physics.validation import checked_speed, choice, in_range, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
-from bicycle_env.tasks import rewards
+from bicycle_env.tasks import randomised, rewards
 from bicycle_env.tasks.checking import check, check_reward
 from bicycle_env.tasks.episode import Rules
+from bicycle_env.tasks.options import altered
 from bicycle_env.tasks.rewards import Quadratic, Reward
 from bicycle_env.tasks.task import SETTLED_SECONDS, Entry, Task
 
@@ -75,7 +76,7 @@ class Configuration:
         return np.array([entry.bound for entry in self.observation_entries], dtype=np.float32)
 
     @property
-    def car(self) -> Car:
+    def car(self) -> CarParameters:
         """The numbers that the equations need."""
         return car_on_road(self.vehicle, self.speed, self.friction, self.front_actuator, self.rear_actuator)
 
@@ -209,12 +210,18 @@ def configure(
     physics_timestep: float,
     reward: str | Reward | Mapping[str, Any],
     horizon: int | None,
+    randomise: Mapping[str, Any] | None = None,
+    disturbances: Any = (),
+    driver: Any = None,
+    action_delay: int = 0,
+    observation_delay: int = 0,
     time_limit: int | None = None,
 ) -> Configuration:
     """Check every keyword; ValueError or TypeError names a bad one, its value and what is allowed.
 
     `time_limit`: steps of an episode, the default of the horizon; None where it is not known or there is none.
     """
+    task = altered(task, randomise, disturbances, driver, action_delay, observation_delay)
     check(task)
     vehicle = resolve_vehicle(vehicle)
     tire = tires.resolve(tire)
@@ -229,10 +236,13 @@ def configure(
     rear_actuator = actuators.resolve("rear_actuator", rear_actuator)
     control_timestep = in_range("control_timestep", control_timestep, "timestep")
     physics_timestep = in_range("physics_timestep", physics_timestep, "timestep")
-    lags = (1.0 / front_actuator.time_constant, 1.0 / rear_actuator.time_constant)
-    check_timestep("physics_timestep", physics_timestep, max(fastest_rate(vehicle, speed), *lags))
+    ranges = randomised.resolve(randomise)
+    cars = randomised.extremes(ranges, vehicle)
+    fastest = max(fastest_rate(car, speed) for car in cars)
+    lags = [1.0 / time for time in randomised.least_time_constants(ranges, front_actuator, rear_actuator)]
+    check_timestep("physics_timestep", physics_timestep, max(fastest, *lags))
     substeps = _substeps(control_timestep, physics_timestep)
-    growth = float(np.max(np.linalg.eigvals(state_matrix(vehicle, speed)).real))
+    growth = max(float(np.max(np.linalg.eigvals(state_matrix(car, speed)).real)) for car in cars)
     if growth * control_timestep > MOST_GROWTH:
         raise ValueError(
             f"control_timestep must be <= {MOST_GROWTH / growth:.3g} s here, got {control_timestep:g}: without "

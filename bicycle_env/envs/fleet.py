@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import LinearModel
 from bicycle_env.analysis.stability import Stability
 from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure, resolve_speed
-from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names, make_task
 from bicycle_env.envs.told import Told, frozen, tell
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.single_track import Car, car_on_road
-from bicycle_env.physics.validation import known_keys
+from bicycle_env.physics.single_track import CarParameters, car_on_road
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.task import Task
 
@@ -27,8 +23,6 @@ Column = NDArray[np.float64]
 NUMBERS = ("speed", "speed_ratio", "friction")
 PER_CAR = ("vehicle", *NUMBERS)
 """Keywords that take one value, or a sequence of num_envs of them."""
-ONE_CAR = ("telemetry", "render_mode")
-"""Keywords of the single environment that are no part of a car."""
 
 
 class Fleet(NamedTuple):
@@ -42,12 +36,17 @@ class Fleet(NamedTuple):
     speed: float | Column
     """m/s."""
     friction: float | Column
-    car: Car
+    car: CarParameters
     """Of floats or columns."""
     settings: Any
     """The task's numbers, floats; those that depend on the speed are columns if varied."""
     observation_scale: NDArray[np.float64]
     """(entries,), or (num_envs, entries) if varied."""
+
+
+def alike(one: Configuration) -> Fleet:
+    """Cars that are all the same, or a single one."""
+    return Fleet(one, False, one.vehicle, one.speed, one.friction, one.car, one.settings, one.observation_scale)
 
 
 def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> Fleet:
@@ -59,8 +58,7 @@ def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> F
     given = {name: value for name, value in keywords.items() if name in PER_CAR}
     shared = {name: value for name, value in keywords.items() if name not in PER_CAR}
     if not any(is_sequence(value) for value in given.values()):
-        one = configure(task, **keywords)
-        return Fleet(one, False, one.vehicle, one.speed, one.friction, one.car, one.settings, one.observation_scale)
+        return alike(configure(task, **keywords))
 
     vehicles = _vehicles(given["vehicle"], num_envs)
     columns = {name: number_column(name, given[name], num_envs) for name in NUMBERS if is_sequence(given[name])}
@@ -89,14 +87,14 @@ def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> F
 
     friction = column_of("friction", 1.0)
     speed = column_of("speed", 0.0).copy()
-    car = Car(*(np.empty(num_envs) for _ in Car._fields))
+    car = CarParameters(*(np.empty(num_envs) for _ in CarParameters._fields))
     for vehicle, rows in groups.items():
         if given["speed"] is None and given["speed_ratio"] is None:
             speed[rows] = resolve_speed(vehicle, None, None)
         elif given["speed"] is None:
             speed[rows] = column_of("speed_ratio", 1.0)[rows] * vehicle.critical_speed
-        alike: Any = (speed[rows], friction[rows], first.front_actuator, first.rear_actuator)
-        for column, values in zip(car, car_on_road(vehicle, *alike), strict=True):
+        same: Any = (speed[rows], friction[rows], first.front_actuator, first.rear_actuator)
+        for column, values in zip(car, car_on_road(vehicle, *same), strict=True):
             column[rows] = values
     many: Any = speed  # tasks write settings and scales for one speed, or for an array of them
     entries = task.entries(many, first.front_actuator.angle_limit, first.rear_actuator.angle_limit)
@@ -110,47 +108,6 @@ def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> F
         task.settings(many),
         np.column_stack([np.broadcast_to(entry.scale, num_envs) for entry in entries]),
     )
-
-
-def registered_fleet(spec: Any, num_envs: int, keywords: Mapping[str, Any], time_limit: int | None = None) -> Fleet:
-    """The cars of a registered id: the single environment's defaults, the registered keywords, then those given.
-
-    Raises:
-        ValueError: the id is not of a single-track environment.
-        TypeError: a keyword that the single environment does not have, or that is for one car only.
-    """
-    return fleet_of(_class_of(spec), num_envs, {**spec.kwargs, **keywords}, time_limit)
-
-
-def keywords_of_id(spec: Any) -> list[str]:
-    """The keywords of an id's cars; ValueError as :func:`registered_fleet`."""
-    return [name for name in keyword_names(_class_of(spec)) if name not in ONE_CAR]
-
-
-def _class_of(spec: Any) -> type[SingleTrackEnv]:
-    env_class = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
-    if not (isinstance(env_class, type) and issubclass(env_class, SingleTrackEnv)):
-        raise ValueError(f"env_id must be of a single-track environment, got {spec.id!r}")
-    return env_class
-
-
-def fleet_of(
-    env_class: type[SingleTrackEnv], num_envs: int, keywords: Mapping[str, Any], time_limit: int | None = None
-) -> Fleet:
-    """The cars of a single environment's class: its defaults, then the keywords given. Raises as the one above.
-
-    `time_limit`: steps of an episode, None where there is none.
-    """
-    given = dict(keywords)
-    allowed = [name for name in keyword_names(env_class) if name not in ONE_CAR]
-    known_keys("keyword", given, allowed, TypeError)
-    defaults = inspect.signature(env_class.__init__).parameters
-    shared = {
-        name: given.pop(name, defaults[name].default)
-        for name in inspect.signature(configure).parameters
-        if name not in ("task", "time_limit")
-    }
-    return configure_fleet(make_task(env_class, given), num_envs, {**shared, "time_limit": time_limit})
 
 
 class ConfiguredFleet(Configured):
@@ -170,7 +127,7 @@ class ConfiguredFleet(Configured):
     def _adopt_fleet(self, fleet: Fleet) -> None:
         self._adopt(fleet.configuration)
         own = {name: frozen(getattr(fleet, name)) for name in ("vehicle", "speed", "friction", "observation_scale")}
-        car, settings = Car(*map(frozen, fleet.car)), type(fleet.settings)(*map(frozen, fleet.settings))
+        car, settings = CarParameters(*map(frozen, fleet.car)), type(fleet.settings)(*map(frozen, fleet.settings))
         tell(self, fleet=fleet._replace(car=car, settings=settings, **own), **own)
 
     @property

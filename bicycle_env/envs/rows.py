@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bicycle_env.envs.blocks import KEPT, Kind, layout, shared_numbers
 from bicycle_env.envs.fleet import Fleet, is_sequence, number_column
 from bicycle_env.physics.single_track import CarState
+from bicycle_env.tasks.episode import World
 from bicycle_env.tasks.task import Allowed, Task, allowed_number, checked_state
 
 Column = NDArray[np.float64]
@@ -30,17 +31,16 @@ class Rows:
         self.blocks = -(-num_envs // kind.length)
         self._names = {
             name: column
-            for column, name in enumerate((*CarState._fields, *KEPT, "end", *kind.task.Route._fields), start=at.state)
+            for column, name in enumerate(
+                (*CarState._fields, *KEPT, "end", *kind.task.TaskState._fields), start=at.state
+            )
         }
         shared = shared_numbers(
-            first.car,
-            first.rules,
-            first.settings,
+            kind,
+            World(first.car, first.rules, first.settings),
             first.observation_scale,
             first.observation_bound,
-            first.task.preview_times,
             math.inf if step_limit is None else step_limit,
-            dtype,
         )
         self.numbers = np.concatenate([shared, np.zeros(self.blocks * at.width * kind.length, dtype=dtype)])
         self._car = at.car
@@ -59,7 +59,7 @@ class Rows:
 
     @property
     def episodes(self) -> NDArray[Any]:
-        """(blocks, columns, rows a block), a view: state, memory and route, without what a car is made of."""
+        """(blocks, columns, rows a block), a view: the episode, without what a car is made of."""
         return self._columns[:, : self._car]
 
     def _put(self, column: int, values: Any, mask: NDArray[np.bool_]) -> None:
@@ -68,7 +68,7 @@ class Rows:
         self._columns[rows // length, column, rows % length] = values[rows]
 
     def column(self, name: str) -> Column:
-        """(num_envs,): a copy of a number of the state, of the memory or of the route."""
+        """(num_envs,): a copy of a number of the state or of the episode."""
         return self._columns[:, self._names[name]].ravel()[: self._num_envs].astype(np.float64)
 
     def put(self, values: Mapping[str, Any], mask: NDArray[np.bool_]) -> None:
@@ -111,13 +111,13 @@ def checked_start(task: Task, options: Any, fleet: Fleet, num_envs: int, dtype: 
     changes: dict[str, Any] = {}
     if "state" in given:
         changes |= _checked_states(given["state"], fleet, num_envs, dtype)
-    unset = task.Route(*([math.nan] * len(task.Route._fields)))
+    unset = task.TaskState(*([math.nan] * len(task.TaskState._fields)))
 
     def read(name: str, value: Any, allowed: Allowed) -> Any:
         return allowed_column(name, value, allowed, num_envs)
 
-    route = task.route_with(unset, task.option_numbers(given, read), fleet.car.speed)
-    return changes | {name: value for name, value in route._asdict().items() if not np.any(np.isnan(value))}
+    task_state = task.task_state_with(unset, task.option_numbers(given, read), fleet.car.speed)
+    return changes | {name: value for name, value in task_state._asdict().items() if not np.any(np.isnan(value))}
 
 
 def _checked_states(given: Any, fleet: Fleet, num_envs: int, dtype: str) -> dict[str, Any]:

@@ -14,19 +14,30 @@ from numpy.typing import NDArray
 
 from bicycle_env.envs import kernels
 from bicycle_env.envs.arrays import real_array
+from bicycle_env.envs.block_kernels import BAD_ACTION
+from bicycle_env.envs.blocks import KEPT, Kind, shared_layout
 from bicycle_env.envs.configuration import Configured, configure
+from bicycle_env.envs.draws import addresses
+from bicycle_env.envs.fleet import alike
+from bicycle_env.envs.rows import Rows
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
 from bicycle_env.envs.told import read_only, tell
 from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import FRONT, REAR, Actuator
+from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, flag, known_keys
 from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.tasks.episode import Rules
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task, checked_state
 
 RENDER_MODES = ("human", "rgb_array")
 FLOAT32 = np.dtype(np.float32)
+ONE = np.ones(1, dtype=np.bool_)
+STEPS, SETTLED = (len(CarState._fields) + KEPT.index(name) for name in ("steps", "settled_steps"))
+TASK_STATE = len(CarState._fields) + len(KEPT) + 1
+"""Where the episode's numbers stand."""
 
 
 OF_MANY = ("num_envs", "dtype", "threads", "autoreset_mode", "staggered_start", "on_invalid")
@@ -68,6 +79,11 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         physics_timestep: float = 0.004,
         reward: str | Reward | Mapping[str, Any] = "default",
         horizon: int | None = None,
+        randomise: Mapping[str, Any] | None = None,
+        disturbances: Any = (),
+        driver: Any = None,
+        action_delay: int = 0,
+        observation_delay: int = 0,
         telemetry: bool = False,
         render_mode: str | None = None,
         **task_keywords: Any,
@@ -87,6 +103,11 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             physics_timestep=physics_timestep,
             reward=reward,
             horizon=horizon,
+            randomise=randomise,
+            disturbances=disturbances,
+            driver=driver,
+            action_delay=action_delay,
+            observation_delay=observation_delay,
         )
         self._adopt(configuration)
         tell(self, telemetry=flag("telemetry", telemetry))
@@ -98,30 +119,22 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         self._action_shape = (configuration.axles,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
-        self._memory = kernels.new_memory(
-            self.task,
-            configuration.car,
-            self.rules,
-            configuration.settings,
-            self.observation_scale,
-            bound,
-        )
+        self._kind = Kind(self.task, len(bound), 1, False, "float64")
+        self._rows = Rows(self._kind, alike(configuration), 1, None)
         self._observation_size = len(bound)
         self._car = configuration.car
         self._end_names = configuration.end_names
-        self._end_code = kernels.BAD_ACTION  # not yet reset
+        self._end_code = BAD_ACTION  # not yet reset
         self._warned = False
-        self._plain = not self.telemetry and self.render_mode != "human"
+        self._plain = not self.telemetry and not self.task.told and self.render_mode != "human"
         self._viewer: Any = None
         self._bind()
 
     def _bind(self) -> None:
-        self._kernels = kernels.kernels(self.task, self.tire, self.geometry, self.reward)
+        self._kernels = kernels.kernels(self._kind, self.tire, self.geometry, self.reward)
         self._step = self._step_after_close if self.closed else self._kernels.step
-
-    @property
-    def _episode(self) -> NDArray[np.float64]:
-        return self._memory[: kernels.episode_size(self.task)]
+        self._numbers = self._rows.numbers
+        self._episode = self._rows.episodes[0, :, 0]
 
     # Gymnasium's interface
 
@@ -147,14 +160,13 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         state = checked_state(given["state"], *limits) if "state" in given else None
         changes = self.task.option_numbers(given)
         super().reset(seed=seed)
-        observation = np.empty(self._observation_size, np.float32)
-        cost = self._kernels.start(self._memory, observation, self.np_random.random(self.task.uniforms))
+        self._kernels.start(self._numbers, ONE, addresses([self.np_random]))
         if given:
             if state is not None:
-                self._episode[: kernels.STEPS] = [state[name] for name in self.task.State._fields[: kernels.STEPS]]
-            route = self.task.Route(*self._episode[kernels.MEMORY :])
-            self._episode[kernels.MEMORY :] = self.task.route_with(route, changes, self.speed)
-            cost = self._kernels.look(self._memory, observation)
+                self._episode[:STEPS] = [state[name] for name in self.task.State._fields[:STEPS]]
+            task_state = self.task.TaskState(*self._episode[TASK_STATE:])
+            self._episode[TASK_STATE:] = self.task.task_state_with(task_state, changes, self.speed)
+        observation, cost = self._look()
         self._end_code = 0
         self._warned = False
         if self._viewer is not None:
@@ -177,9 +189,9 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             action = converted_action(action, self._action_shape, self.steer, np.float64)
         values = action.tolist()
         observation = np.empty(self._observation_size, FLOAT32)
-        reward, end, cost = self._step(self._memory, observation, values[0], values[-1])
+        reward, end, cost = self._step(self._numbers, observation, values[0], values[-1])
         if end:
-            if end == kernels.BAD_ACTION:
+            if end == BAD_ACTION:
                 raise ValueError(f"action must be finite numbers, nominally in [-1, 1], got {action!r}")
             self._end_code = end
         if self._plain:
@@ -194,7 +206,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             logger.warn("render() needs render_mode='rgb_array' or 'human' in gym.make")
             return None
         self._refuse_if_closed("render()")
-        if self._end_code == kernels.BAD_ACTION:
+        if self._end_code == BAD_ACTION:
             raise gym.error.ResetNeeded("call reset() before render()")
         if self._viewer is None:
             from bicycle_env.rendering.viewer import Viewer
@@ -216,8 +228,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     def state(self) -> Any:
         """The present state as a named tuple of floats, SI units."""
         values = self._episode.tolist()
-        steps, route = values[kernels.STEPS], values[kernels.MEMORY :]
-        return self.task.State(*values[: kernels.STEPS], steps * self.control_timestep, *route)
+        return self.task.State(*values[:STEPS], values[STEPS] * self.control_timestep, *values[TASK_STATE:])
 
     @state.setter
     def state(self, _value: Any) -> None:
@@ -226,18 +237,18 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     @property
     def end(self) -> str:
         """Why the episode ended, "" while it is running: what ``info["end"]`` says."""
-        return "" if self._end_code == kernels.BAD_ACTION else self._end_names[self._end_code]
+        return "" if self._end_code == BAD_ACTION else self._end_names[self._end_code]
 
     @property
     def is_success(self) -> bool:
         """Whether the car is running and has been settled for the last second: at a time-out, a success."""
-        return self._end_code == 0 and bool(self._memory[kernels.SETTLED] >= self.configuration.steps_to_settle)
+        return self._end_code == 0 and bool(self._episode[SETTLED] >= self.configuration.steps_to_settle)
 
     def measure(self) -> dict[str, float]:
         """Slip angles, forces, accelerations and the reference in the present state, by the names of the telemetry."""
-        out = np.empty(len(MEASURED))
-        self._kernels.measure(self._memory, out)
-        return dict(zip(MEASURED, out.tolist(), strict=True))
+        out = np.empty((1, len(MEASURED)))
+        self._kernels.measure(self._numbers, out)
+        return dict(zip(MEASURED, out[0].tolist(), strict=True))
 
     def snapshot(self) -> Snapshot:
         """The whole state, random generator included; not the step count of a wrapper such as TimeLimit."""
@@ -250,11 +261,15 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._episode[:] = snapshot.episode
         self._end_code = snapshot.end
         self.np_random.bit_generator.state = snapshot.generator
-        observation = np.empty(self._observation_size, FLOAT32)
-        self._kernels.look(self._memory, observation)
-        return observation
+        return self._look()[0]
 
     # Inner workings
+
+    def _look(self) -> tuple[NDArray[np.float32], float]:
+        """Observation and cost of the episode as it is."""
+        observation, values = np.empty((1, self._observation_size), FLOAT32), np.empty((2, 1))
+        self._kernels.look(self._numbers, ONE, observation, values)
+        return observation[0].copy(), float(values[1, 0])
 
     def _ask_for_the_limit(self) -> None:
         """Before the first episode: which time limit is around this environment?"""
@@ -265,10 +280,13 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._adopt(
             dataclasses.replace(configuration, horizon=horizon, rules=configuration.rules._replace(horizon=horizon))
         )
-        self._memory[kernels.place_of_rule(self.task, "horizon")] = horizon
+        self._numbers[shared_layout(self._kind).rules + Rules._fields.index("horizon")] = horizon
 
     def _info(self, cost: float) -> dict[str, Any]:
         info: dict[str, Any] = {"end": self.end, "cost": cost}
+        if self.task.told:
+            state = self.state
+            info |= {name: getattr(state, name) for name in self.task.told}
         if self.telemetry:
             info |= telemetry(self.state, self.measure(), self._car)
             info["is_success"] = self.is_success
@@ -279,18 +297,18 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     def _after_the_end(self) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         self._refuse_if_closed("step()")
-        if self._end_code == kernels.BAD_ACTION:
+        if self._end_code == BAD_ACTION:
             raise gym.error.ResetNeeded("call reset() before step()")
         if not self._warned:
             self._warned = True
             logger.warn("step() after the episode has ended: the car stays where it is; call reset()")
-        observation = np.empty(self._observation_size, FLOAT32)
-        cost = self._kernels.look(self._memory, observation)
+        observation, cost = self._look()
         return observation, 0.0, True, False, self._info(cost)
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions do not pickle and windows do not copy: both are made anew.
-        return {name: value for name, value in self.__dict__.items() if name not in ("_kernels", "_step", "_viewer")}
+        left = ("_kernels", "_step", "_viewer", "_numbers", "_episode")
+        return {name: value for name, value in self.__dict__.items() if name not in left}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

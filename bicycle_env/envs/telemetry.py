@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bicycle_env.physics.single_track import Axles, Car
+from bicycle_env.physics.single_track import Axles, CarParameters
 from bicycle_env.tasks.episode import Reference
 
-MEASURED = (*Axles._fields, *(f"reference_{name}" for name in Reference._fields))
-"""What the compiled ``measure`` writes, in this order."""
+PEAKS = ("front_peak_force", "rear_peak_force")
+MEASURED = (*Axles._fields, *(f"reference_{name}" for name in Reference._fields), *PEAKS, "clearance")
+"""What the compiled ``measure`` writes, in this order: the peak forces are the moment's [N], the clearance is from the
+corridor's edge to the nearest corner of the body [m], negative outside."""
 
 
-def telemetry(state: Any, measured: Mapping[str, Any], car: Car) -> dict[str, Any]:
+def telemetry(state: Any, measured: Mapping[str, Any], car: CarParameters) -> dict[str, Any]:
     """From what was measured in a state to the entries of ``info``; floats, or arrays of one shape."""
     return {
         **{name: measured[name] for name in Axles._fields},
         "sideslip": state.lateral_velocity / car.speed,
-        "front_saturation": abs(measured["front_lateral_force"]) / car.front_peak_force,
-        "rear_saturation": abs(measured["rear_lateral_force"]) / car.rear_peak_force,
+        "front_saturation": abs(measured["front_lateral_force"]) / measured["front_peak_force"],
+        "rear_saturation": abs(measured["rear_lateral_force"]) / measured["rear_peak_force"],
         "lateral_error": state.lateral_position - measured["reference_lateral_position"],
         "goal_error": state.lateral_position - measured["reference_goal"],
         "heading_error": state.heading - measured["reference_heading"],
+        "clearance": measured["clearance"],
     }

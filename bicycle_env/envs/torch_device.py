@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from bicycle_env.installation import needs
@@ -23,16 +21,6 @@ def import_torch() -> Any:
 def shortened(seed: int) -> int:
     """A seed of any size in 64 bits, which is what torch takes; those below 2^63 as they are."""
     return seed if seed < 2**63 else int(np.random.SeedSequence(seed).generate_state(1, np.uint64)[0])
-
-
-def registered_spec(env_id: object) -> Any:
-    """The registered row; "module:id" imports the module first, as gym.make does."""
-    if not isinstance(env_id, str):
-        raise TypeError(f"env_id must be the id of a registered environment, got {env_id!r}")
-    module, _, name = env_id.rpartition(":")
-    if module:
-        importlib.import_module(module)
-    return gym.spec(name)
 
 
 def device_and_generator(torch: Any, device: Any) -> tuple[Any, Any]:

@@ -11,11 +11,12 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 from bicycle_env.envs.fleet import Fleet
+from bicycle_env.envs.telemetry import PEAKS
 from bicycle_env.physics.elementary import array_namespace
-from bicycle_env.physics.single_track import Car, CarState, axles
-from bicycle_env.tasks.ends import INVALID_ACTION, RUNNING
-from bicycle_env.tasks.episode import Memory, World
-from bicycle_env.tasks.transition import stages
+from bicycle_env.physics.single_track import CarParameters, CarState, axles
+from bicycle_env.tasks.control_step import car_of_the_moment, parts
+from bicycle_env.tasks.ends import INVALID_ACTION, RUNNING, body_reach
+from bicycle_env.tasks.episode import EpisodeState, World
 
 Tensor = Any
 INDUCTOR = {"realize_opcount_threshold": 4, "max_fusion_size": 100_000}
@@ -28,7 +29,7 @@ class Episodes(NamedTuple):
     """All that changes while the cars drive: tensors (num_envs,)."""
 
     state: CarState
-    memory: Memory
+    episode: EpisodeState
     end: Tensor
     """int8, the codes of ``bicycle_env.tasks.ends``."""
     timed_out: Tensor
@@ -57,7 +58,7 @@ class TorchKernels(NamedTuple):
     """``look(episodes) -> (observation, cost)``: float32 (num_envs, entries), and (num_envs,)."""
     measure: Callable[[Episodes], dict[str, Tensor]]
     """Slip angles, forces, accelerations and the reference, by the names of the telemetry."""
-    car: Car
+    car: CarParameters
     """Tensors of one number, or of one per car."""
 
 
@@ -85,22 +86,27 @@ def torch_kernels(
     def tensor(value: Any) -> Tensor:
         return torch.tensor(value, dtype=dtype, device=device)
 
-    car = Car(*map(tensor, fleet.car))
+    car = CarParameters(*map(tensor, fleet.car))
     world = World(car, rules, type(fleet.settings)(*map(tensor, fleet.settings)))
     per_scale = tensor(1.0 / fleet.observation_scale)
     bound = torch.tensor(configuration.observation_bound, device=device)
     times = tensor(task.preview_times).unsqueeze(1)
-    begin, advance, finish = stages(xp, task, tire, geometry, configuration.reward)
+    begin, advance, finish = parts(xp, task, tire, geometry, configuration.reward)
     start_law, reference_law, cost_law = task.start(xp), task.reference(xp), task.cost(xp)
     observe, preview = task.observe(xp), task.preview(xp)
-    axles_law, forfeit_law = axles(xp, tire, geometry), configuration.reward.forfeit(xp)
+    changing = task.conditions(xp) is not None
+    moment = car_of_the_moment(xp, task)
+    axles_law, forfeit_law = axles(xp, tire, geometry, changing), configuration.reward.forfeit(xp)
+    reach_law, physics_timestep = body_reach(xp), configuration.physics_timestep
+
+    start_of_step = tensor(0.0) if changing else 0.0  # a tensor, so that the compiler takes no number for a constant
 
     def start(uniforms: Tensor) -> Episodes:
-        state, route = start_law(uniforms.unbind(), world)
+        state, task_state = start_law(uniforms.unbind(), world)
         zero = 0.0 * state.heading
-        memory = Memory(zero, zero, zero, zero, mapped(lambda value: value.expand(num_envs), route))
+        episode = EpisodeState(zero, zero, zero, zero, mapped(lambda value: value.expand(num_envs), task_state))
         running = zero.to(torch.int8)
-        return Episodes(state, memory, running, running != RUNNING)
+        return Episodes(state, episode, running, running != RUNNING)
 
     def restart(rows: Tensor, uniforms: Tensor, episodes: Episodes) -> Episodes:
         restarted: Episodes = chosen(rows, start(uniforms), episodes)
@@ -111,35 +117,44 @@ def torch_kernels(
         action = xp.minimum(xp.maximum(action.where(finite.unsqueeze(1), 0.0), -1.0), 1.0)
         steers = action.unbind(dim=1)
         pair = (steers[0] * rules.steers_front, steers[-1] * rules.steers_rear)
-        return finite, pair, *begin(before.state, before.memory, pair, world)
+        return finite, pair, *begin(before.state, before.episode, pair, world)
 
-    def substep(state: CarState, command: tuple[Tensor, Tensor]) -> CarState:
-        advanced: CarState = advance(state, command, world)
+    def substep(state: CarState, episode: EpisodeState, command: tuple[Tensor, Tensor], elapsed: Any) -> CarState:
+        advanced: CarState = advance(state, episode, command, elapsed, world)
         return advanced
 
     def conclude(
-        before: Episodes, state: CarState, finite: Tensor, pair: tuple[Tensor, Tensor], stage: Tensor
+        before: Episodes,
+        state: CarState,
+        finite: Tensor,
+        pair: tuple[Tensor, Tensor],
+        command: tuple[Tensor, Tensor],
+        number: Tensor,
     ) -> tuple[Episodes, Tensor]:
-        memory, reward, end, _ = finish(state, before.memory, pair, stage, world)
-        after = Episodes(state, memory, end.to(torch.int8), memory.steps >= step_limit)
+        episode, reward, end, _ = finish(state, before.episode, pair, command, number, world)
+        after = Episodes(state, episode, end.to(torch.int8), episode.steps >= step_limit)
         stopped = before._replace(end=INVALID_ACTION, timed_out=False)
-        forfeit = forfeit_law(before.memory.steps, car, rules)
+        forfeit = forfeit_law(before.episode.steps, car, rules)
         return chosen(finite, after, stopped), reward.where(finite, forfeit)
 
     def look(episodes: Episodes) -> tuple[Tensor, Tensor]:
-        state, memory = episodes.state, episodes.memory
-        values = torch.stack(observe(state, memory, world), dim=1)
+        state, episode = episodes.state, episodes.episode
+        values = torch.stack(observe(state, episode, world), dim=1)
         if len(times):
-            ahead = preview(state, memory.route, world, times)  # (points, num_envs)
+            ahead = preview(state, episode.task_state, world, times)  # (points, num_envs)
             values = torch.cat((values, ahead.T), dim=1)
         scaled = (values * per_scale).to(torch.float32)
         observation = xp.minimum(xp.maximum(scaled, -bound), bound)
-        return observation, cost_law(state, reference_law(state, memory.route, world), world)
+        return observation, cost_law(state, reference_law(state, episode.task_state, world), world)
 
     def measure(episodes: Episodes) -> dict[str, Tensor]:
-        acting = axles_law(episodes.state, car)
-        reference = reference_law(episodes.state, episodes.memory.route, world)
-        return {**acting._asdict(), **{f"reference_{name}": value for name, value in reference._asdict().items()}}
+        now = moment(episodes.state, episodes.episode, start_of_step, world)
+        acting, zero = axles_law(episodes.state, now), 0.0 * episodes.state.heading
+        reference = reference_law(episodes.state, episodes.episode.task_state, world)
+        references = {f"reference_{name}": zero + value for name, value in reference._asdict().items()}
+        clearance = reference.road_half_width - reach_law(episodes.state, reference, world)
+        peaks = {name: zero + getattr(now, name) for name in PEAKS}
+        return {**acting._asdict(), **references, **peaks, "clearance": clearance}
 
     if compiled:  # one substep: the whole step, unrolled, would take the compiler minutes
         restart, prepare, substep, conclude, look = (
@@ -147,11 +162,12 @@ def torch_kernels(
         )
 
     def step(before: Episodes, action: Tensor) -> tuple[Episodes, Tensor]:
-        finite, pair, command, stage = prepare(before, action)
-        state = before.state
+        finite, pair, command, number = prepare(before, action)
+        state, elapsed = before.state, start_of_step
         for _ in range(int(rules.substeps)):
-            state = substep(state, command)
-        return conclude(before, state, finite, pair, stage)
+            state = substep(state, before.episode, command, elapsed)
+            elapsed = elapsed + physics_timestep if changing else elapsed
+        return conclude(before, state, finite, pair, command, number)
 
     return TorchKernels(start, step, restart, look, measure, car)
 

@@ -15,12 +15,13 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from bicycle_env.envs.fleet import ConfiguredFleet, keywords_of_id, registered_fleet
+from bicycle_env.envs.fleet import ConfiguredFleet
+from bicycle_env.envs.registered_fleet import keywords_of_id, registered_fleet, registered_spec
 from bicycle_env.envs.single_track_env import SingleTrackEnv
 from bicycle_env.envs.telemetry import telemetry as telemetry_of
 from bicycle_env.envs.time_limit import remark
 from bicycle_env.envs.told import read_only, tell
-from bicycle_env.envs.torch_device import as_numbers, device_and_generator, import_torch, registered_spec, shortened
+from bicycle_env.envs.torch_device import as_numbers, device_and_generator, import_torch, shortened
 from bicycle_env.envs.torch_kernels import Episodes, Tensor, chosen, mapped, torch_kernels
 from bicycle_env.envs.torch_options import TorchOptions
 from bicycle_env.physics.single_track import CarState
@@ -187,10 +188,10 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         if seed is not None:
             self._np_random, self._np_random_seed = seeding.np_random(seed)
             self._generator.manual_seed(shortened(seed))
-        fresh = self._with_route(self._with_state(self._kernels.start(self._uniforms()), values), changes)
+        fresh = self._with_task_state(self._with_state(self._kernels.start(self._uniforms()), values), changes)
         if self.staggered_start and self._episodes is None and self.max_episode_steps is not None:
             steps = self._torch.arange(self.num_envs, device=self.device) * self.max_episode_steps // self.num_envs
-            fresh = fresh._replace(memory=fresh.memory._replace(steps=steps.to(self.dtype)))
+            fresh = fresh._replace(episode=fresh.episode._replace(steps=steps.to(self.dtype)))
         self._keep(fresh if kept is None else chosen(mask, fresh, kept))
         return self._look()
 
@@ -239,9 +240,9 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
     @property
     def state(self) -> Any:
         """The present state as the task's named tuple of tensors (num_envs,), SI units."""
-        state, memory, *_ = self._begun("state")
-        commands = (memory.front_steer_command, memory.rear_steer_command)
-        values = self.task.State(*state, *commands, memory.steps * self.control_timestep, *memory.route)
+        state, episode, *_ = self._begun("state")
+        commands = (episode.front_steer_command, episode.rear_steer_command)
+        values = self.task.State(*state, *commands, episode.steps * self.control_timestep, *episode.task_state)
         return mapped(lambda value: value.clone(), values)
 
     @state.setter
@@ -266,18 +267,18 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a mapping of state names to numbers, got {state!r}")
         known_keys("state name", state, self.task.State._fields)
-        beyond = {name: value for name, value in state.items() if name in ("time", *self.task.Route._fields)}
+        beyond = {name: value for name, value in state.items() if name in ("time", *self.task.TaskState._fields)}
         values = self._options.state({name: state[name] for name in state if name not in beyond}, "state")
-        memory = episodes.memory
+        episode = episodes.episode
         for name, given in beyond.items():
             column = self._options.numbers(f"state[{name!r}]", given, 0.0 if name == "time" else -math.inf)
             if name == "time":
-                memory = memory._replace(steps=self._torch.round(column / self.control_timestep))
+                episode = episode._replace(steps=self._torch.round(column / self.control_timestep))
             else:
-                memory = memory._replace(route=memory.route._replace(**{name: column}))
+                episode = episode._replace(task_state=episode.task_state._replace(**{name: column}))
         nothing = self._torch.zeros_like
-        memory = memory._replace(settled_steps=nothing(memory.settled_steps))
-        running = Episodes(episodes.state, memory, nothing(episodes.end), nothing(episodes.timed_out))
+        episode = episode._replace(settled_steps=nothing(episode.settled_steps))
+        running = Episodes(episodes.state, episode, nothing(episodes.end), nothing(episodes.timed_out))
         self._keep(self._with_state(running, {name: values[name] for name in values if name in state}))
         return self._look()
 
@@ -300,8 +301,8 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         if not isinstance(snapshot, TorchSnapshot):
             raise TypeError(f"snapshot must come from snapshot(), got {type(snapshot)!r}")
         numbers = snapshot.episodes.state.heading
-        found = (snapshot.episodes.memory.route._fields, tuple(numbers.shape), numbers.dtype, numbers.device)
-        if found != (self.task.Route._fields, (self.num_envs,), self.dtype, self.device):
+        found = (snapshot.episodes.episode.task_state._fields, tuple(numbers.shape), numbers.dtype, numbers.device)
+        if found != (self.task.TaskState._fields, (self.num_envs,), self.dtype, self.device):
             raise ValueError(
                 f"snapshot must be of {self.num_envs} cars in {self.dtype} on {self.device}, of the same task, "
                 f"got one of {numbers.numel()} in {numbers.dtype} on {numbers.device}"
@@ -330,12 +331,13 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         return self._torch.rand(shape, generator=self._generator, dtype=self.dtype, device=self.device)
 
     def _success(self, episodes: Episodes) -> Tensor:
-        return (episodes.memory.settled_steps >= self.configuration.steps_to_settle) & (episodes.end == RUNNING)
+        return (episodes.episode.settled_steps >= self.configuration.steps_to_settle) & (episodes.end == RUNNING)
 
     def _look(self) -> tuple[Tensor, dict[str, Any]]:
         episodes = self._begun("observing")
         observation, cost = self._kernels.look(episodes)
         info = {"end": episodes.end.clone(), "cost": cost, "is_success": self._success(episodes)}
+        info |= {name: getattr(episodes.episode.task_state, name).clone() for name in self.task.told}
         if self.telemetry:
             info = {**telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.car), **info}
         return observation, info
@@ -343,12 +345,12 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
     def _with_state(self, episodes: Episodes, values: Mapping[str, Tensor]) -> Episodes:
         state = {name: value for name, value in values.items() if name in CarState._fields}
         commands = {name: value for name, value in values.items() if name not in CarState._fields}
-        return episodes._replace(state=episodes.state._replace(**state), memory=episodes.memory._replace(**commands))
+        return episodes._replace(state=episodes.state._replace(**state), episode=episodes.episode._replace(**commands))
 
-    def _with_route(self, episodes: Episodes, numbers: Mapping[str, Any]) -> Episodes:
-        route = self.task.route_with(episodes.memory.route, numbers, self._kernels.car.speed)
-        route = mapped(self._options.filled, route)
-        return episodes._replace(memory=episodes.memory._replace(route=route))
+    def _with_task_state(self, episodes: Episodes, numbers: Mapping[str, Any]) -> Episodes:
+        task_state = self.task.task_state_with(episodes.episode.task_state, numbers, self._kernels.car.speed)
+        task_state = mapped(self._options.filled, task_state)
+        return episodes._replace(episode=episodes.episode._replace(task_state=task_state))
 
     def _checked_action(self, action: Any, episodes: Episodes) -> Tensor:
         torch, shape = self._torch, self._action_shape

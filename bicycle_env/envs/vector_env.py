@@ -15,8 +15,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from bicycle_env.envs import block_kernels, blocks
-from bicycle_env.envs.fleet import ONE_CAR, ConfiguredFleet, fleet_of
+from bicycle_env.envs.fleet import ConfiguredFleet
 from bicycle_env.envs.generators import Generators, checked_seeds
+from bicycle_env.envs.registered_fleet import ONE_CAR, fleet_of
 from bicycle_env.envs.rows import Rows, checked_mask, checked_start
 from bicycle_env.envs.single_track_env import FLOAT32, SingleTrackEnv, converted_action, keyword_names
 from bicycle_env.envs.telemetry import MEASURED, telemetry
@@ -129,7 +130,9 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._rows = Rows(self._kind, self.fleet, self.num_envs, self.max_episode_steps)
         self._everyone = np.ones(self.num_envs, dtype=np.bool_)
         self._started = False
-        self._plain = self.autoreset_mode is not AutoresetMode.SAME_STEP and not self.telemetry
+        always = self.telemetry or bool(self.task.told)
+        self._tells_little = not always
+        self._plain = self.autoreset_mode is not AutoresetMode.SAME_STEP and not always
         self._restarts = self.autoreset_mode is AutoresetMode.NEXT_STEP
         self._generators = Generators(self.num_envs)
         self._bind()
@@ -211,7 +214,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         if ended < 0:
             ended = self._run_without(~np.all(np.isfinite(actions), axis=1), actions, results)
         observation, values, flags, end = results
-        if self._plain or (not ended and not self.telemetry):
+        if self._plain or (not ended and self._tells_little):
             here = self._everyone.copy()
             info = {"end": end, "cost": values[1], "_end": here, "_cost": here}
             return observation, values[0], flags[0], flags[1], info
@@ -343,7 +346,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         return np.asarray(self._rows.column("settled_steps") >= self.configuration.steps_to_settle)
 
     def _info(self, end: Any, cost: Any, rows: Any = None) -> dict[str, Any]:
-        info = {"end": end, "cost": cost}
+        info = {"end": end, "cost": cost, **{name: self._rows.column(name) for name in self.task.told}}
         if self.telemetry:
             info |= telemetry(self.state, self.measure(), self.fleet.car)
         if self.telemetry or rows is not None:  # a row that has begun its next episode cannot be asked any more

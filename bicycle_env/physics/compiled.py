@@ -11,8 +11,10 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import re
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -23,6 +25,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaError
 from numba.core.extending import _Intrinsic
 from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
@@ -39,21 +42,107 @@ class CompilerDisabledError(RuntimeError):
     """The user has switched numba's compiler off."""
 
 
+class LawError(TypeError):
+    """A law does what numba cannot compile. ``details``: numba's own words, many lines of them."""
+
+    details: str
+
+
 class Part(CPUDispatcher):  # type: ignore[misc]
     """A law that other compiled functions take in. No way in from Python: those took half of the compile time."""
+
+    content: str
 
     def __call__(self, *_: Any, **__: Any) -> Any:
         """Not from Python: TypeError."""
         raise TypeError(f"{self.py_func.__name__} is a part of compiled functions: call it from one, or without numba")
 
 
+PARTS: dict[str, Part] = {}
+"""Of this process, by content: numba looks at a law once, however many combinations take it in."""
+
+
 def inlined(law: Callable[..., Any]) -> Any:
     """A law as a part of a larger compiled function."""
     if isinstance(law, Dispatcher) or numba.config.DISABLE_JIT:  # then entry_point says what is wrong
         return law
-    part: Any = numba.njit(law, forceinline=True, no_cpython_wrapper=True, **COMMON)
-    part.__class__ = Part
-    return part
+    content = digest(law)
+    if content not in PARTS:
+        part: Any = numba.njit(law, forceinline=True, no_cpython_wrapper=True, **COMMON)
+        part.__class__ = Part
+        part.content = content
+        PARTS[content] = part
+    return PARTS[content]
+
+
+def digest(function: Any) -> str:
+    """A hexadecimal digest of a function's bytecode and of everything that it refers to, at any depth."""
+    hasher = hashlib.sha256(f"{numba.__version__} {np.__version__} {sys.version} {COMMON}".encode())
+    _feed(hasher.update, function, set())
+    return hasher.hexdigest()
+
+
+# Their versions are in every digest: what is inside them needs no look.
+_VERSIONED = ("builtins", "math", "numba", "numpy", "operator")
+
+
+def _feed(update: Callable[[bytes], None], item: Any, seen: set[int], names: tuple[str, ...] = ()) -> None:
+    """Feed one thing; `names` are the attributes that the code around it may read from a module."""
+
+    def word(*parts: object) -> None:
+        update(repr(parts).encode())
+
+    if isinstance(item, Part):
+        word("part", item.content)
+        return
+    if isinstance(item, Dispatcher):
+        item = item.py_func
+    if isinstance(item, _Intrinsic) and item.__module__.partition(".")[0] not in _VERSIONED:
+        item = item.__wrapped__
+    if isinstance(item, FunctionType):
+        word("function", item.__name__)
+        if id(item) in seen:
+            return
+        seen.add(id(item))
+        names = _names(item.__code__)
+        _feed(update, item.__code__, seen)
+        _feed(update, item.__defaults__, seen)
+        _feed(update, tuple((item.__kwdefaults__ or {}).items()), seen)
+        for cell in item.__closure__ or ():
+            _feed(update, cell.cell_contents, seen, names)
+        for name in names:
+            if name in item.__globals__:
+                word(name)
+                _feed(update, item.__globals__[name], seen, names)
+    elif isinstance(item, CodeType):
+        word("code", item.co_code, item.co_names, item.co_varnames, item.co_freevars)
+        _feed(update, item.co_consts, seen)
+    elif isinstance(item, ModuleType):
+        word("module", item.__name__)
+        if item.__name__.partition(".")[0] not in _VERSIONED:
+            for name in names:
+                if hasattr(item, name):
+                    word(name)
+                    _feed(update, getattr(item, name), seen, names)
+    elif isinstance(item, (tuple, frozenset)):
+        word(type(item).__name__, len(item))
+        for part in item if isinstance(item, tuple) else sorted(item, key=repr):
+            _feed(update, part, seen, names)
+    elif isinstance(item, type):
+        word("type", item.__module__, item.__qualname__, getattr(item, "_fields", None))
+    elif isinstance(item, (np.ndarray, np.generic)):
+        word("numpy", item.dtype.str, item.shape, item.tobytes())
+    elif isinstance(item, (int, float, complex, str, bytes, type(None))):
+        word(type(item).__name__, item)
+    else:
+        # Built-in functions, numpy functions and numba's own intrinsics.
+        word("other", getattr(item, "__module__", type(item).__module__), getattr(item, "__name__", str(type(item))))
+
+
+@functools.cache
+def _names(code: CodeType) -> tuple[str, ...]:
+    inner = [name for const in code.co_consts if isinstance(const, CodeType) for name in _names(const)]
+    return (*code.co_names, *inner)
 
 
 @inlined
@@ -142,10 +231,33 @@ def entry_point(
     dispatcher: Any = numba.njit(function, nogil=nogil, **COMMON)
     dispatcher._cache = ContentCache(function, content)
     with _interleaved(interleave):
-        dispatcher.compile(signature)
+        try:
+            dispatcher.compile(signature)
+        except NumbaError as error:
+            raise _in_one_line(error) from None
     dispatcher.disable_compile()
     ENTRY_POINTS[content] = dispatcher
     return ENTRY_POINTS[content]
+
+
+def _in_one_line(error: NumbaError) -> LawError:
+    """Where the law is, and numba's reason."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+    places = re.findall(r"(?:File \"|at |\()([^\s\"()]+\.py)\"?(?:, line |\s\(| \()(\d+)", text)
+    package = str(Path(__file__).parents[1])
+    own = [place for place in places if not str(Path(place[0]).absolute()).startswith(package)] or places
+    where = f"{own[0][0]}, line {own[0][1]}: " if own else ""
+    reasons = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("Failed in")]
+    told = [
+        line for line in reasons if line.startswith((">>>", "Use of unsupported", "Cannot", "Unknown", "NameError"))
+    ]
+    reason = " ".join([reasons[0].rstrip(":"), *told[:1]]) if reasons else type(error).__name__
+    found = LawError(
+        f"{where}this law cannot be compiled ({reason}). A law may use its arguments, floats, tuples and the functions "
+        "of xp"
+    )
+    found.details = text
+    return found
 
 
 @contextlib.contextmanager
@@ -159,70 +271,3 @@ def _interleaved(count: int) -> Iterator[None]:
         finally:
             if count:
                 llvmlite.binding.set_option("", "-force-vector-interleave=0")
-
-
-def digest(function: Any) -> str:
-    """A hexadecimal digest of a function's bytecode and of everything that it refers to, at any depth."""
-    hasher = hashlib.sha256(f"{numba.__version__} {np.__version__} {sys.version} {COMMON}".encode())
-    _feed(hasher.update, function, set())
-    return hasher.hexdigest()
-
-
-# Their versions are in every digest: what is inside them needs no look.
-_VERSIONED = ("builtins", "math", "numba", "numpy", "operator")
-
-
-def _feed(update: Callable[[bytes], None], item: Any, seen: set[int], names: tuple[str, ...] = ()) -> None:
-    """Feed one thing; `names` are the attributes that the code around it may read from a module."""
-
-    def word(*parts: object) -> None:
-        update(repr(parts).encode())
-
-    if isinstance(item, Dispatcher):
-        item = item.py_func
-    if isinstance(item, _Intrinsic) and item.__module__.partition(".")[0] not in _VERSIONED:
-        item = item.__wrapped__
-    if isinstance(item, FunctionType):
-        word("function", item.__name__)
-        if id(item) in seen:
-            return
-        seen.add(id(item))
-        names = _names(item.__code__)
-        _feed(update, item.__code__, seen)
-        _feed(update, item.__defaults__, seen)
-        _feed(update, tuple((item.__kwdefaults__ or {}).items()), seen)
-        for cell in item.__closure__ or ():
-            _feed(update, cell.cell_contents, seen, names)
-        for name in names:
-            if name in item.__globals__:
-                word(name)
-                _feed(update, item.__globals__[name], seen, names)
-    elif isinstance(item, CodeType):
-        word("code", item.co_code, item.co_names, item.co_varnames, item.co_freevars)
-        _feed(update, item.co_consts, seen)
-    elif isinstance(item, ModuleType):
-        word("module", item.__name__)
-        if item.__name__.partition(".")[0] not in _VERSIONED:
-            for name in names:
-                if hasattr(item, name):
-                    word(name)
-                    _feed(update, getattr(item, name), seen, names)
-    elif isinstance(item, (tuple, frozenset)):
-        word(type(item).__name__, len(item))
-        for part in item if isinstance(item, tuple) else sorted(item, key=repr):
-            _feed(update, part, seen, names)
-    elif isinstance(item, type):
-        word("type", item.__module__, item.__qualname__, getattr(item, "_fields", None))
-    elif isinstance(item, (np.ndarray, np.generic)):
-        word("numpy", item.dtype.str, item.shape, item.tobytes())
-    elif isinstance(item, (int, float, complex, str, bytes, type(None))):
-        word(type(item).__name__, item)
-    else:
-        # Built-in functions, numpy functions and numba's own intrinsics.
-        word("other", getattr(item, "__module__", type(item).__module__), getattr(item, "__name__", str(type(item))))
-
-
-@functools.cache
-def _names(code: CodeType) -> tuple[str, ...]:
-    inner = [name for const in code.co_consts if isinstance(const, CodeType) for name in _names(const)]
-    return (*code.co_names, *inner)

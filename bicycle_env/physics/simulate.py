@@ -17,7 +17,7 @@ from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.integrators import check_timestep, rk4
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.single_track import GEOMETRIES, Car, CarState, axles, car_on_road, single_track
+from bicycle_env.physics.single_track import GEOMETRIES, CarParameters, CarState, axles, car_on_road, single_track
 from bicycle_env.physics.validation import checked_speed, choice, in_range, known_keys, number, positive
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -84,7 +84,7 @@ def simulate(
 
     states[-2:, :-1], states[-2:, -1] = inputs[:, 0].T, inputs[-1, 2]  # what acts from each time on
     history = CarState(*states)
-    acting = axles(NUMPY, tire, geometry)(history, Car(*(np.float64(value) for value in car)))
+    acting = axles(NUMPY, tire, geometry)(history, CarParameters(*(np.float64(value) for value in car)))
     return {
         "time": time,
         **{name: values.copy() for name, values in history._asdict().items()},
@@ -140,10 +140,10 @@ def _pair(value: Any, time: float) -> NDArray[np.float64]:
 def _integrator(tire: tires.Tire, geometry: str) -> Callable[..., None]:
     """The compiled loop over all steps."""
     advance = compiled.inlined(rk4(compiled.NUMBA, single_track(compiled.NUMBA, tire, geometry)))
-    fields, numbers = len(CarState._fields), len(Car._fields)
+    fields, numbers = len(CarState._fields), len(CarParameters._fields)
 
     def integrate(start: Any, car_numbers: Any, inputs: Any, timestep: Any, states: Any) -> None:
-        car = Car(*to_fixed_tuple(car_numbers, numbers))
+        car = CarParameters(*to_fixed_tuple(car_numbers, numbers))
         state = CarState(*to_fixed_tuple(start, fields))
         for k in range(len(inputs)):
             for j in range(fields):

@@ -16,10 +16,14 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from bicycle_env.physics.actuators import Actuator, steer_rate
+from bicycle_env.physics.records import replaced
 from bicycle_env.physics.tires import Tire
 from bicycle_env.physics.vehicle import Vehicle
 
+Rates = Callable[..., Any]
+"""``rates(state, input, car) -> CarState``."""
 GEOMETRIES = ("small_angle", "exact")
+STEERS = ("front_steer", "rear_steer")
 
 
 class CarState(NamedTuple):
@@ -41,7 +45,7 @@ class CarState(NamedTuple):
     """Road-wheel angle of the rear axle, rad."""
 
 
-class Car(NamedTuple):
+class CarParameters(NamedTuple):
     """The numbers that the equations need: one car, at one speed, on one road, with its two actuators."""
 
     speed: Any
@@ -62,6 +66,10 @@ class Car(NamedTuple):
     front_extent: Any
     rear_extent: Any
     body_width: Any
+    side_force: Any
+    """A gust, N to the left; acts only where a task has conditions."""
+    yaw_moment: Any
+    """N m: its force times its lever arm before the centre of mass."""
 
 
 class Axles(NamedTuple):
@@ -77,9 +85,9 @@ class Axles(NamedTuple):
     """r', rad/s^2."""
 
 
-def car_on_road(vehicle: Vehicle, speed: float, friction: float, front: Actuator, rear: Actuator) -> Car:
+def car_on_road(vehicle: Vehicle, speed: float, friction: float, front: Actuator, rear: Actuator) -> CarParameters:
     """Gather the numbers; the largest force of an axle is friction x its static load."""
-    return Car(
+    return CarParameters(
         speed=speed,
         mass=vehicle.mass,
         yaw_inertia=vehicle.yaw_inertia,
@@ -98,17 +106,20 @@ def car_on_road(vehicle: Vehicle, speed: float, friction: float, front: Actuator
         front_extent=vehicle.front_extent,
         rear_extent=vehicle.rear_extent,
         body_width=vehicle.body_width,
+        side_force=0.0,
+        yaw_moment=0.0,
     )
 
 
-def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles]:
-    """``axles(state, car)``: what the two axles do in a state."""
+def axles(xp: Any, tire: Tire, geometry: str, pushed: bool = False) -> Callable[[CarState, CarParameters], Axles]:
+    """``axles(state, car)``: what the two axles do in a state; `pushed`: the car's side force acts, too."""
     exact = geometry == "exact"
     slip_angle = xp.function(slip_angle_of(xp, geometry))
     cosine = xp.near_cos if exact else xp.function(one)  # steer angles are below pi/2
     lateral_force = xp.function(tire.law(xp))
+    push = xp.function(side_force(xp, pushed))
 
-    def axles(state: CarState, car: Car) -> Axles:
+    def axles(state: CarState, car: CarParameters) -> Axles:
         # Reciprocals of what stays the same: the compiler may move them out of the loop, and may not make them itself.
         per_speed, per_mass, per_inertia = 1.0 / car.speed, 1.0 / car.mass, 1.0 / car.yaw_inertia
         front_velocity = xp.multiply_add(car.cg_to_front, state.yaw_rate, state.lateral_velocity)
@@ -119,7 +130,7 @@ def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles
         rear_force = lateral_force(rear_slip, car.rear_cornering_stiffness, car.rear_peak_force)
         front_sideways = front_force * cosine(state.front_steer)
         rear_sideways = rear_force * cosine(state.rear_steer)
-        return Axles(
+        by_tires = Axles(
             front_slip,
             rear_slip,
             front_force,
@@ -129,8 +140,28 @@ def axles(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, Car], Axles
                 front_sideways, car.cg_to_front * per_inertia, -rear_sideways * (car.cg_to_rear * per_inertia)
             ),
         )
+        acting: Axles = push(by_tires, car, per_mass, per_inertia)
+        return acting
 
     return axles
+
+
+def side_force(xp: Any, pushed: bool) -> Any:
+    """``push(acting, car, 1 / mass, 1 / inertia) -> Axles``: the accelerations with the side force and its moment."""
+    accelerated = replaced(xp, Axles, ("lateral_acceleration", "yaw_acceleration"))
+
+    def nothing(acting: Axles, _car: CarParameters, _per_mass: Any, _per_inertia: Any) -> Axles:
+        return acting
+
+    def push(acting: Axles, car: CarParameters, per_mass: Any, per_inertia: Any) -> Axles:
+        more: Axles = accelerated(
+            acting,
+            xp.multiply_add(car.side_force, per_mass, acting.lateral_acceleration),
+            xp.multiply_add(car.yaw_moment, per_inertia, acting.yaw_acceleration),
+        )
+        return more
+
+    return push if pushed else nothing
 
 
 def slip_angle_of(xp: Any, geometry: str) -> Callable[[Any, Any, Any], Any]:
@@ -155,23 +186,15 @@ def one(_: Any) -> Any:
     return 1.0
 
 
-def single_track(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, tuple[Any, Any], Car], CarState]:
+def single_track(xp: Any, tire: Tire, geometry: str, pushed: bool = False) -> Rates:
     """``rates(state, steer, car)`` for prescribed road-wheel angles: the steer in the state follows its input."""
-    forces = xp.function(axles(xp, tire, geometry))
+    forces = xp.function(axles(xp, tire, geometry, pushed))
     path = xp.function(path_rates(xp, geometry))
+    steered = replaced(xp, CarState, STEERS)
 
-    def rates(state: CarState, steer: tuple[Any, Any], car: Car) -> CarState:
+    def rates(state: CarState, steer: tuple[Any, Any], car: CarParameters) -> CarState:
         front_steer, rear_steer = steer
-        steered = CarState(
-            state.longitudinal_position,
-            state.lateral_position,
-            state.heading,
-            state.lateral_velocity,
-            state.yaw_rate,
-            front_steer,
-            rear_steer,
-        )
-        acting = forces(steered, car)
+        acting = forces(steered(state, front_steer, rear_steer), car)
         forward, sideways = path(state, car)
         still = 0.0 * state.front_steer
         return CarState(
@@ -187,34 +210,31 @@ def single_track(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, tupl
     return rates
 
 
-def actuated_single_track(xp: Any, tire: Tire, geometry: str) -> Callable[[CarState, tuple[Any, Any], Car], CarState]:
+def actuated_single_track(xp: Any, tire: Tire, geometry: str, pushed: bool = False) -> Rates:
     """``rates(state, command, car)``: the road wheels follow the two commands [rad] through their actuators."""
-    body = xp.function(single_track(xp, tire, geometry))
+    body = xp.function(single_track(xp, tire, geometry, pushed))
     actuator = xp.function(steer_rate(xp))
+    steered = replaced(xp, CarState, STEERS)
 
-    def rates(state: CarState, command: tuple[Any, Any], car: Car) -> CarState:
+    def rates(state: CarState, command: tuple[Any, Any], car: CarParameters) -> CarState:
         front_command, rear_command = command
-        rate = body(state, (state.front_steer, state.rear_steer), car)
-        return CarState(
-            rate.longitudinal_position,
-            rate.lateral_position,
-            rate.heading,
-            rate.lateral_velocity,
-            rate.yaw_rate,
+        turning: CarState = steered(
+            body(state, (state.front_steer, state.rear_steer), car),
             actuator(state.front_steer, front_command, car.front_rate_limit, car.front_time_constant),
             actuator(state.rear_steer, rear_command, car.rear_rate_limit, car.rear_time_constant),
         )
+        return turning
 
     return rates
 
 
-def path_rates(xp: Any, geometry: str) -> Callable[[CarState, Car], tuple[Any, Any]]:
+def path_rates(xp: Any, geometry: str) -> Callable[[CarState, CarParameters], tuple[Any, Any]]:
     """``(x', y')`` of the centre of mass on the road."""
 
-    def small_angle(state: CarState, car: Car) -> tuple[Any, Any]:
+    def small_angle(state: CarState, car: CarParameters) -> tuple[Any, Any]:
         return car.speed, xp.multiply_add(car.speed, state.heading, state.lateral_velocity)
 
-    def exact(state: CarState, car: Car) -> tuple[Any, Any]:
+    def exact(state: CarState, car: CarParameters) -> tuple[Any, Any]:
         sine = xp.sin(state.heading)
         cosine = xp.cos(state.heading)
         return (

@@ -64,7 +64,7 @@ def episode(
         title = f"At {style.speed_in_words(plant.vehicle, plant.speed)}" if title is None else title
     driven = [columns(run, f"runs[{k}]", speed) for k, run in enumerate(runs)]
     roads = [] if plant is None else _roads(plant, driven)
-    edges = sorted({edge for road in roads for edge in road.edges}) if lane is None else _checked_lane(lane)
+    edges = _edges(roads) if lane is None else _checked_lane(lane)
     first = min(float(run["time"][0]) for run in driven)
     last = max(float(run["time"][-1]) for run in driven) if duration is None else positive("duration", duration)
 
@@ -109,24 +109,39 @@ def _draw_run(axes: Any, run: Columns, label: str, drawing: LineStyle, over: boo
 
 def _roads(plant: Any, driven: list[Columns]) -> list[Road]:
     """The different roads that the runs were on; a run that does not say where its task's path was has none."""
-    roads: dict[tuple[float, ...], Road] = {}
+    length = max(float(np.max(run["longitudinal_position"])) for run in driven)
+    roads: dict[bytes, Road] = {}
     for run in driven:
-        if all(name in run for name in plant.task.Route._fields):
-            road = Road(plant, run)
-            roads.setdefault(road.route, road)
+        if all(name in run for name in plant.task.TaskState._fields):
+            road = Road(plant, run, length)
+            roads.setdefault(np.concatenate([road.path, *road.edges]).tobytes(), road)
     return list(roads.values())
 
 
-def _checked_lane(lane: Any) -> list[float]:
+def _checked_lane(lane: Any) -> list[Edge]:
     try:
         right, left = lane
     except (TypeError, ValueError):
         raise TypeError(f"lane must be a pair (right edge, left edge) in m, got {lane!r}") from None
     right = number("lane[0]", right)
-    return [right, number("lane[1]", left, above=right)]
+    both = (right, number("lane[1]", left, above=right))
+    return [(np.zeros(1), np.array([edge])) for edge in both]
 
 
-def _draw_road(axes: Any, driven: list[Columns], roads: list[Road], edges: list[float]) -> list[Any]:
+Edge = tuple[Any, Any]
+"""Places along the road and lateral positions, m."""
+
+
+def _edges(roads: list[Road]) -> list[Edge]:
+    """The different edges of the roads."""
+    found: dict[bytes, Edge] = {}
+    for road in roads:
+        for edge in road.edges:
+            found.setdefault((edge[:1] if np.all(edge == edge[0]) else edge).tobytes(), (road.places, edge))
+    return list(found.values())
+
+
+def _draw_road(axes: Any, driven: list[Columns], roads: list[Road], edges: list[Edge]) -> list[Any]:
     """Edges and paths to follow, and limits of the axes in which a car far off the road does not hide it."""
     low = min(float(np.min(run["lateral_position"])) for run in driven)
     high = max(float(np.max(run["lateral_position"])) for run in driven)
@@ -134,13 +149,17 @@ def _draw_road(axes: Any, driven: list[Columns], roads: list[Road], edges: list[
     low, high = low - pad, high + pad
     handles = []
     if edges:
-        handles += [axes.axhline(edge, color=BLACK, linewidth=1.5, label="edge of the lane") for edge in edges][:1]
-        width = edges[-1] - edges[0]
-        low = max(min(low, edges[0] - 0.4 * width), edges[0] - 2.0 * width)
-        high = min(max(high, edges[-1] + 0.4 * width), edges[-1] + 2.0 * width)
-    places = np.linspace(0.0, max(float(np.max(run["longitudinal_position"])) for run in driven), 400)
+        look = {"color": BLACK, "linewidth": 1.5, "label": "edge of the lane"}
+        for places, edge in edges:
+            straight = np.all(edge == edge[0])
+            handles.append(axes.axhline(edge[0], **look) if straight else axes.plot(places, edge, **look)[0])
+        handles = handles[:1]
+        right = min(float(np.min(edge)) for _, edge in edges)
+        left = max(float(np.max(edge)) for _, edge in edges)
+        low = max(min(low, right - 0.4 * (left - right)), right - 2.0 * (left - right))
+        high = min(max(high, left + 0.4 * (left - right)), left + 2.0 * (left - right))
     for k, road in enumerate(road for road in roads if road.has_path):
-        drawn = axes.plot(places, road.path(places), ":", color=BLACK, label="path to follow")
+        drawn = axes.plot(road.places, road.path, ":", color=BLACK, label="path to follow")
         handles += [] if k else drawn
     dress(
         axes,

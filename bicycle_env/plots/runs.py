@@ -62,28 +62,29 @@ def _columns(run: Any, name: str) -> Columns:
         raise TypeError(f"{name} must hold arrays of numbers: {error}") from None
 
 
+PLACES = 1000
+
+
 class Road:
     """The corridor and the path to follow of an environment's task, for the route that a run was on."""
 
-    def __init__(self, env: Any, run: Columns) -> None:
+    def __init__(self, env: Any, run: Columns, length: float) -> None:
         self._task = env.task
         car = car_on_road(env.vehicle, env.speed, env.friction, env.front_actuator, env.rear_actuator)
         self._world = World(car, env.rules, env.task.settings(env.speed))
-        self.route = tuple(float(run[name][0]) for name in env.task.Route._fields)
+        self.route = tuple(float(run[name][0]) for name in env.task.TaskState._fields)
         """What the task drew at the start of the run."""
-        centre = float(self._reference(0.0).road_centre)
-        half = float(env.rules.road_half_width)
+        self.places = np.linspace(0.0, max(length, 1.0), PLACES)
+        """Along the road, m."""
+        self.path = self._along("lateral_position")
+        """Lateral positions of the path to follow there, m."""
+        centre, half = self._along("road_centre"), self._along("road_half_width")
         self.edges = (centre - half, centre + half)
-        """Lateral positions, m."""
-        self.has_path = bool(self.route)
+        """Lateral positions of the right and the left edge, m."""
+        self.has_path = bool(np.any(self.path != self.path[0]))
         """Whether the path to follow is more than the middle of the lane."""
 
-    def path(self, longitudinal_position: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Lateral position of the path to follow [m] at places along the road [m]."""
-        wanted = np.asarray(self._reference(longitudinal_position).lateral_position, dtype=np.float64)
-        return np.broadcast_to(wanted, longitudinal_position.shape)
-
-    def _reference(self, longitudinal_position: Any) -> Any:
-        zeros = dict.fromkeys(CarState._fields, 0.0 * np.asarray(longitudinal_position))
-        state = CarState(**{**zeros, "longitudinal_position": np.asarray(longitudinal_position)})
-        return self._task.reference(NUMPY)(state, self._task.Route(*self.route), self._world)
+    def _along(self, name: str) -> NDArray[np.float64]:
+        state = CarState(**{**dict.fromkeys(CarState._fields, 0.0 * self.places), "longitudinal_position": self.places})
+        reference = self._task.reference(NUMPY)(state, self._task.TaskState(*self.route), self._world)
+        return np.broadcast_to(np.asarray(getattr(reference, name), dtype=np.float64), self.places.shape)

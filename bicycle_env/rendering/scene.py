@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.single_track import CarState, path_rates
@@ -35,6 +36,8 @@ TIRE_LENGTH, TIRE_WIDTH = 0.66, 0.22
 LINE_WIDTH = 0.15
 DASH, DASH_PERIOD = 3.0, 9.0
 STRIPE, POST_PERIOD = 5.0, 10.0
+EDGE_SPACING = 0.5
+"""m, of the places at which a corridor that changes along the road is drawn."""
 PATH_SPACING = 0.5
 PATH_DASH = 3
 """Samples of PATH_SPACING in a dash of the path, and in a gap."""
@@ -114,15 +117,20 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
         measured: ``env.unwrapped.measure()``, SI.
         trail: earlier places of the centre of mass, oldest first, m.
     """
-    vehicle, rules = setup.vehicle, setup.world.rules
-    middle, edge = measured["reference_road_centre"], rules.road_half_width
+    vehicle = setup.vehicle
+    middle, edge = measured["reference_road_centre"], measured["reference_road_half_width"]
     # The centre of mass may come half a body beyond the edge, and then the car may stand across the road.
     half_body = 0.5 * vehicle.body_width
-    half_height = edge + half_body + math.hypot(max(vehicle.front_extent, vehicle.rear_extent), half_body)
-    width = 2.0 * half_height * setup.aspect
+    beyond = half_body + math.hypot(max(vehicle.front_extent, vehicle.rear_extent), half_body)
+    half_height = edge + beyond
     x, y = state.longitudinal_position, state.lateral_position
-    left = x - BEHIND * width
-    right = left + width
+    left, right = _borders(x, half_height * setup.aspect)
+    edges = _edges(setup, state, left, right)
+    if edges is not None:  # all of the corridor that is in sight is in the picture
+        lowest, highest = float(np.min(edges.right)), float(np.max(edges.left))
+        middle, half_height = 0.5 * (lowest + highest), 0.5 * (highest - lowest) + beyond
+        left, right = _borders(x, half_height * setup.aspect)
+    width = right - left
     goal = measured["reference_goal"]
     changes_lane = goal != middle
     side = 1.0 if goal > middle else -1.0
@@ -148,10 +156,14 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
             post
             for begin in _anchored(left, right, POST_PERIOD, 0.4)
             for post in across(begin, begin + 0.4, edge + 0.5, edge + 0.7)
-        ),
-        corridor=rectangle(left, right, middle - edge, middle + edge),
+        )
+        if edges is None
+        else (),
+        corridor=rectangle(left, right, middle - edge, middle + edge) if edges is None else edges.outline,
         target_lane=rectangle(left, right, middle, middle + side * edge) if changes_lane else (),
-        road_edges=across(left, right, edge - 0.5 * LINE_WIDTH, edge + 0.5 * LINE_WIDTH),
+        road_edges=across(left, right, edge - 0.5 * LINE_WIDTH, edge + 0.5 * LINE_WIDTH)
+        if edges is None
+        else edges.lines,
         lane_dashes=tuple(
             rectangle(begin, begin + DASH, middle - 0.5 * LINE_WIDTH, middle + 0.5 * LINE_WIDTH)
             for begin in _anchored(left, right, DASH_PERIOD, DASH)
@@ -245,17 +257,54 @@ def _travel(setup: Setup, state: Any) -> Arrow:
     return Arrow(start, (start[0] + float(dx) * length, start[1] + float(dy) * length))
 
 
+def _borders(x: float, half_width: float) -> tuple[float, float]:
+    """The left and the right border of a picture of the car at x."""
+    left = x - BEHIND * 2.0 * half_width
+    return left, left + 2.0 * half_width
+
+
+class _Edges(NamedTuple):
+    """The corridor in sight, where it is not the same everywhere."""
+
+    right: NDArray[np.float64]
+    """Lateral positions of the edges, m."""
+    left: NDArray[np.float64]
+    outline: Shape
+    lines: tuple[Shape, ...]
+
+
+def _edges(setup: Setup, state: Any, left: float, right: float) -> _Edges | None:
+    first, last = math.floor(left / EDGE_SPACING), math.ceil(right / EDGE_SPACING)
+    xs = EDGE_SPACING * np.arange(first, last + 1)
+    reference = _reference(setup, state, xs)
+    centre, half = (np.broadcast_to(value, xs.shape) for value in (reference.road_centre, reference.road_half_width))
+    if np.all(centre == centre[0]) and np.all(half == half[0]):
+        return None
+    sides = [centre - half, centre + half]
+    lines = []
+    for ys, sign in zip(sides, (-1.0, 1.0), strict=True):
+        corners = list(zip(xs.tolist(), ys.tolist(), strict=True))
+        outer = [(x, y + sign * LINE_WIDTH) for x, y in reversed(corners)]
+        lines.append((*corners, *outer))
+    below, above = (list(zip(xs.tolist(), ys.tolist(), strict=True)) for ys in sides)
+    return _Edges(sides[0], sides[1], (*below, *reversed(above)), tuple(lines))
+
+
+def _reference(setup: Setup, state: Any, xs: NDArray[Any]) -> Any:
+    """The task's reference at other places along the road."""
+    task = setup.task
+    task_state = task.TaskState(*state[len(state) - len(task.TaskState._fields) :])
+    car = CarState(*state[: len(CarState._fields)])._replace(longitudinal_position=xs)
+    return task.reference(NUMPY)(car, task_state, setup.world)
+
+
 def _path(setup: Setup, state: Any, left: float, right: float) -> tuple[Shape, ...]:
     """The reference path in dashes that stay where they are on the road."""
-    task = setup.task
-    route = task.Route(*state[len(state) - len(task.Route._fields) :])
     first = math.floor(left / PATH_SPACING) - 2 * PATH_DASH
     first -= first % (2 * PATH_DASH)
     samples = np.arange(first, math.ceil(right / PATH_SPACING) + 1)
     xs = samples * PATH_SPACING
-    car = CarState(*state[: len(CarState._fields)])._replace(longitudinal_position=xs)
-    reference = task.reference(NUMPY)(car, route, setup.world)
-    ys = np.broadcast_to(reference.lateral_position, xs.shape)
+    ys = np.broadcast_to(_reference(setup, state, xs).lateral_position, xs.shape)
     points = list(zip(xs.tolist(), ys.tolist(), strict=True))
     return tuple(tuple(points[k : k + PATH_DASH + 1]) for k in range(0, len(points) - PATH_DASH, 2 * PATH_DASH))
 

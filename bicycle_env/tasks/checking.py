@@ -15,8 +15,8 @@ import numpy as np
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.presets import vehicles
-from bicycle_env.physics.single_track import CarState, car_on_road
-from bicycle_env.tasks.episode import Memory, Reference, World
+from bicycle_env.physics.single_track import CarParameters, CarState, car_on_road
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
 
@@ -54,11 +54,13 @@ def _check_value(kind: str, value: Any) -> None:
 @functools.cache
 def _check_task(task: Task) -> None:
     name = type(task).__name__
-    fields = (*CarState._fields, *COMMANDS, "time", *task.Route._fields)
+    fields = (*CarState._fields, *COMMANDS, "time", *task.TaskState._fields)
     if task.State._fields != fields:
         raise ValueError(f"task {name}: State must have the fields {', '.join(fields)}, got {task.State._fields}")
-    if not set(task.flipped or ()) <= set(task.Route._fields):
-        raise ValueError(f"task {name}: flipped must be names of Route, {task.Route._fields}, got {task.flipped}")
+    if not set(task.flipped or ()) <= set(task.TaskState._fields):
+        raise ValueError(
+            f"task {name}: flipped must be names of TaskState, {task.TaskState._fields}, got {task.flipped}"
+        )
     for reward in ("default", "quadratic"):
         if not isinstance(task.rewards.get(reward), Reward):
             raise ValueError(f"task {name}: rewards must hold a Reward for {reward!r}, got {task.rewards!r}")
@@ -87,11 +89,14 @@ def _check_reward(task: Task, reward: Reward) -> None:
         zero = 0.0 * place.heading
         found = []
         for side in (1.0, -1.0) if task.flipped is not None else (1.0,):
-            here, route = _mirrored(place, side, CarState._fields[1:]), _mirrored(way, side, task.flipped or ())
-            action, memory = (side * (zero + 0.3),) * 2, Memory(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, route)
-            wanted = reference(here, route, world)
+            here, task_state = _mirrored(place, side, CarState._fields[1:]), _mirrored(way, side, task.flipped or ())
+            action, episode = (
+                (side * (zero + 0.3),) * 2,
+                EpisodeState(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, task_state),
+            )
+            wanted = reference(here, task_state, world)
             given = 0.0 * zero if before is None else before(here, wanted, action, world)
-            found += [law(here, wanted, action, memory, given, code, world) for code in (0 * zero, 0 * zero + 1)]
+            found += [law(here, wanted, action, episode, given, code, world) for code in (0 * zero, 0 * zero + 1)]
         if task.flipped is not None and not np.array_equal(found[:2], found[2:]):
             raise ValueError(
                 f"reward {name}: it is another one for the mirror image, {found[2:]} instead of {found[:2]}"
@@ -108,23 +113,24 @@ def _check_laws(task: Task, name: str, world: World) -> None:
     seen = len(entries) - len(task.preview_times)
 
     def law_of(law: str) -> Callable[..., Any]:
-        return _tried(f"task {name}: its law {law!r}", getattr(task, law)(NUMPY))
+        return _tried(f"task {name}: its law {law!r}", getattr(task, law)(NUMPY), law == "reference")
 
     start, reference, observe, preview = map(law_of, ("start", "reference", "observe", "preview"))
     end, success, cost = map(law_of, ("end", "success", "cost"))
+    changes, changing = _changes(task, name, world)
     uniforms = np.random.default_rng(0).random((task.uniforms, 2))
-    state, route = start(uniforms, world)
-    _must_be(CarState, state, f"task {name}: its law 'start' must return (CarState, Route); the first")
-    _must_be(task.Route, route, f"task {name}: its law 'start' must return (CarState, Route); the second")
+    state, task_state = start(uniforms, world)
+    _must_be(CarState, state, f"task {name}: its law 'start' must return (CarState, TaskState); the first")
+    _must_be(task.TaskState, task_state, f"task {name}: its law 'start' must return (CarState, TaskState); the second")
     for place in (state, *PLACES):
         found = []
         for side in (1.0, -1.0) if task.flipped is not None else (1.0,):
-            here, way = _mirrored(place, side, CarState._fields[1:]), _mirrored(route, side, task.flipped or ())
+            here, way = _mirrored(place, side, CarState._fields[1:]), _mirrored(task_state, side, task.flipped or ())
             zero = 0.0 * here.heading
-            memory = Memory(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, way)
+            episode = EpisodeState(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, way)
             wanted = reference(here, way, world)
             _must_be(Reference, wanted, f"task {name}: its law 'reference'")
-            values = observe(here, memory, world)
+            values = observe(here, episode, world)
             if len(values) != seen:
                 raise ValueError(
                     f"task {name}: its law 'observe' must return a value for each of the {seen} entries that are no "
@@ -137,14 +143,48 @@ def _check_laws(task: Task, name: str, world: World) -> None:
                 np.array(value) * (sign if side < 0.0 else 1.0)
                 for value, sign in zip((*values, *ahead), mirror, strict=True)
             )
-            found.append([*signed, *map(np.array, judged)])
-        labels = [*(f"entry {entry!r}" for entry in names), "law 'end'", "law 'success'", "law 'cost'"]
+            found.append([*signed, *map(np.array, (*judged, *changes(here, episode, side)))])
+        labels = [*(f"entry {entry!r}" for entry in names), "law 'end'", "law 'success'", "law 'cost'", *changing]
         for label, left, right in zip(labels, found[0], found[-1], strict=True):
             if not np.array_equal(left, right):
                 raise ValueError(
                     f"task {name}: its {label} is another one for the mirror image, {right} instead of {left}; give "
                     "the entry its `mirror`, name what changes sign in `flipped`, or set it to None"
                 )
+
+
+def _changes(task: Task, name: str, world: World) -> tuple[Callable[..., Any], list[str]]:
+    """What happens to the car and is remembered, as its mirror image would have it; and what each number is."""
+
+    def law_of(law: str, constants: bool = False) -> Any:
+        bound = getattr(task, law)(NUMPY)
+        return None if bound is None else _tried(f"task {name}: its law {law!r}", bound, constants)
+
+    command, conditions, remember = law_of("command"), law_of("conditions", True), law_of("remember", True)
+
+    def changes(state: CarState, episode: EpisodeState, side: float) -> list[Any]:
+        zero = 0.0 * state.heading
+        action = (side * (zero + 0.3), side * (zero - 0.2))
+        values = []
+        if command is not None:
+            sent = command(state, episode, action, world)
+            if not isinstance(sent, tuple) or len(sent) != 2:
+                raise ValueError(f"task {name}: its law 'command' must return (front, rear), got {sent!r}")
+            values += [side * value for value in sent]
+        if conditions is not None:
+            car = conditions(state, episode, 0.06 + zero, world)
+            _must_be(CarParameters, car, f"task {name}: its law 'conditions'")
+            values += _mirrored(car, side, ("side_force", "yaw_moment"))
+        if remember is not None:
+            own = remember(state, episode, action, world)
+            _must_be(task.TaskState, own, f"task {name}: its law 'remember'")
+            values += _mirrored(own, side, task.flipped or ())
+        return values
+
+    labels = ["law 'command'"] * 2 if command is not None else []
+    labels += ["law 'conditions'"] * len(CarParameters._fields) if conditions is not None else []
+    labels += ["law 'remember'"] * len(task.TaskState._fields) if remember is not None else []
+    return changes, labels
 
 
 def _check_ends(name: str, task: Task, code: Any) -> None:
@@ -162,8 +202,11 @@ def _mirrored(record: Any, side: float, names: tuple[str, ...]) -> Any:
     return record._replace(**{name: side * getattr(record, name) for name in names})
 
 
-def _tried(label: str, law: Callable[..., Any]) -> Callable[..., Any]:
-    """The law, with errors in one line: it must give one finite number per car, whichever stands beside it."""
+def _tried(label: str, law: Callable[..., Any], constants: bool = False) -> Callable[..., Any]:
+    """The law, with errors in one line: it must give one finite number per car, whichever stands beside it.
+
+    `constants`: or one for all cars.
+    """
 
     def tried(*arguments: Any) -> Any:
         try:
@@ -172,6 +215,8 @@ def _tried(label: str, law: Callable[..., Any]) -> Callable[..., Any]:
         except Exception as error:
             raise ValueError(f"{label} fails on two cars at once ({_words(error)})") from error
         for name, both, first, second in zip(_names(value), _flat(value), *map(_flat, alone), strict=True):
+            if constants and np.ndim(both) == 0 and np.isfinite(both):
+                continue
             if np.shape(both) != (2,) or not np.all(np.isfinite(both)):
                 raise ValueError(f"{label} must give one finite number per car, got {name}{both!r} for two")
             if not np.array_equal(both, [first[0], second[1]]):

@@ -22,7 +22,7 @@ def end_code(xp: Any) -> Callable[[CarState, Reference, World], Any]:
             | (abs(state.yaw_rate) > rules.yaw_rate_limit)
             | (abs(state.heading) > rules.heading_limit)
         )
-        edge = xp.multiply_add(0.5, world.car.body_width, rules.road_half_width)
+        edge = xp.multiply_add(0.5, world.car.body_width, reference.road_half_width)
         left = abs(state.lateral_position - reference.road_centre) > edge
         return xp.where(spun, SPUN, xp.where(left, LEFT, RUNNING))
 
@@ -44,16 +44,26 @@ def settled(xp: Any) -> Callable[[CarState, Reference, World], Any]:
     return settled
 
 
-def corner_outside(xp: Any) -> Callable[[CarState, Reference, World], Any]:
-    """1.0 where a corner of the body is outside the corridor, else 0.0."""
+def body_reach(xp: Any) -> Callable[[CarState, Reference, World], Any]:
+    """From the corridor's middle to the corner of the body that is farthest from it, m."""
 
-    def corner_outside(state: CarState, reference: Reference, world: World) -> Any:
+    def body_reach(state: CarState, reference: Reference, world: World) -> Any:
         car = world.car
         sine = xp.sin(state.heading)
         middle = state.lateral_position - reference.road_centre
         front = abs(xp.multiply_add(car.front_extent, sine, middle))
         rear = abs(xp.multiply_add(-car.rear_extent, sine, middle))
-        reach = xp.multiply_add(0.5 * car.body_width, abs(xp.cos(state.heading)), xp.maximum(front, rear))
-        return xp.where(reach > world.rules.road_half_width, 1.0 + 0.0 * reach, 0.0)
+        return xp.multiply_add(0.5 * car.body_width, abs(xp.cos(state.heading)), xp.maximum(front, rear))
+
+    return body_reach
+
+
+def corner_outside(xp: Any) -> Callable[[CarState, Reference, World], Any]:
+    """1.0 where a corner of the body is outside the corridor, else 0.0."""
+    reach_of = xp.function(body_reach(xp))
+
+    def corner_outside(state: CarState, reference: Reference, world: World) -> Any:
+        reach = reach_of(state, reference, world)
+        return xp.where(reach > reference.road_half_width, 1.0 + 0.0 * reach, 0.0)
 
     return corner_outside

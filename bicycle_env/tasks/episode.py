@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from bicycle_env.physics.single_track import Car
+from bicycle_env.physics.single_track import CarParameters
 
 
-class Memory(NamedTuple):
+class EpisodeState(NamedTuple):
     """What an episode remembers beside the car's state."""
 
     front_steer_command: Any
@@ -18,8 +18,8 @@ class Memory(NamedTuple):
     """Control steps since the start."""
     settled_steps: Any
     """Consecutive control steps, up to now, in which the car was within all tolerances."""
-    route: Any
-    """The task's own named tuple, fixed during an episode."""
+    task_state: Any
+    """The task's own named tuple: drawn at the start, and what its law ``remember`` makes of it."""
 
 
 class Reference(NamedTuple):
@@ -33,6 +33,8 @@ class Reference(NamedTuple):
     """Lateral position at which the task is done, m."""
     road_centre: Any
     """Middle of the corridor that must not be left, m."""
+    road_half_width: Any
+    """From there to its right and left edge, m."""
 
 
 class Rules(NamedTuple):
@@ -59,7 +61,7 @@ class Rules(NamedTuple):
 class World(NamedTuple):
     """All that stays the same during an episode."""
 
-    car: Car
+    car: CarParameters
     rules: Rules
     settings: Any
     """The task's own numbers, a named tuple."""

@@ -6,10 +6,13 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, number, positive
 from bicycle_env.tasks import rewards
-from bicycle_env.tasks.episode import Memory, Reference, Rules, World
+from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
+from bicycle_env.tasks.metrics import SHARED, Metric, Run
 from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car
 
 SIDES = {"left": 1.0, "right": -1.0}
@@ -69,7 +72,7 @@ class LaneChange(Task):
 
     name = "lane_change"
     episode_steps = 300
-    Route = Route
+    TaskState = Route
     Settings = Path
     State = LaneChangeState
     uniforms = 4
@@ -131,6 +134,19 @@ class LaneChange(Task):
     def preview_times(self) -> tuple[float, ...]:
         return tuple(self.preview_spacing * (k + 1) for k in range(int(self._points)))
 
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        return (
+            *SHARED,
+            Metric("overshoot", "m", "how far beyond the new lane's middle", overshoot),
+            Metric(
+                "settling_time",
+                "s",
+                "from the start of the change until |y error| stays below the tolerance; none without success",
+                settling_time,
+            ),
+        )
+
     def settings(self, speed: float) -> Path:
         early, late = (0.5, 1.5) if self.change_start is None else (self.change_start, self.change_start)
         return Path(
@@ -173,7 +189,7 @@ class LaneChange(Task):
         def reference(state: CarState, route: Route, world: World) -> Reference:
             lateral_position, slope = quintic(state.longitudinal_position, route, world)
             goal = route.direction * world.settings.lane_width
-            return Reference(lateral_position, xp.atan(slope), goal, 0.5 * goal)
+            return Reference(lateral_position, xp.atan(slope), goal, 0.5 * goal, world.rules.road_half_width)
 
         return reference
 
@@ -181,9 +197,9 @@ class LaneChange(Task):
         car = xp.function(observed_car(xp))
         reference_law = xp.function(self.reference(xp))
 
-        def observe(state: CarState, memory: Memory, world: World) -> tuple[Any, ...]:
-            reference = reference_law(state, memory.route, world)
-            seen: tuple[Any, ...] = car(state, memory)
+        def observe(state: CarState, episode: EpisodeState, world: World) -> tuple[Any, ...]:
+            reference = reference_law(state, episode.task_state, world)
+            seen: tuple[Any, ...] = car(state, episode)
             errors = (state.lateral_position - reference.lateral_position, state.heading - reference.heading)
             return seen + errors
 
@@ -210,12 +226,26 @@ class LaneChange(Task):
             ),
         )
 
-    def route_with(self, route: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
+    def task_state_with(self, route: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
         if "direction" in numbers:
             route = route._replace(direction=numbers["direction"])
         if "change_start" in numbers:
             route = route._replace(change_start=speed * numbers["change_start"])
         return route
+
+
+def overshoot(run: Run) -> float:
+    """m."""
+    return max(0.0, float(np.max(run.steps["direction"] * run.steps["goal_error"])))
+
+
+def settling_time(run: Run) -> float | None:
+    """s, or None without success."""
+    if not run.success:
+        return None
+    unsettled = np.abs(run.steps["goal_error"]) >= run.world.rules.lateral_tolerance
+    last = float(np.max(run.steps["time"][unsettled], initial=0.0))
+    return last - float(run.steps["change_start"][-1] / run.world.car.speed)
 
 
 def quintic_path(xp: Any) -> Any:

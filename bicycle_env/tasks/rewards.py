@@ -11,9 +11,9 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-from bicycle_env.physics.single_track import Car, CarState
+from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number, positive
-from bicycle_env.tasks.episode import Memory, Reference, World
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
 
 Law = Callable[..., Any]
 
@@ -26,9 +26,9 @@ class Reward(abc.ABC):
 
     @abc.abstractmethod
     def law(self, xp: Any) -> Law:
-        """``law(state, reference, action, memory, before, end, world) -> reward`` of a control step.
+        """``law(state, reference, action, episode, before, end, world) -> reward`` of a control step.
 
-        ``state`` and ``reference`` are those after the step, ``memory`` is as it was before it (the last commands, the
+        ``state`` and ``reference`` are those after the step, ``episode`` is as it was before it (the last commands, the
         steps done), ``action`` is the pair (front, rear) in [-1, 1], ``before`` what :meth:`before` gave, ``end`` the
         end code. Written in the namespace xp, without ``if`` on data.
         """
@@ -40,7 +40,7 @@ class Reward(abc.ABC):
     def forfeit(self, xp: Any) -> Law:
         """``forfeit(steps, car, rules)``: of a step whose action was not finite, where many cars go on; 0."""
 
-        def nothing(steps: Any, car: Car, rules: Any) -> Any:
+        def nothing(steps: Any, car: CarParameters, rules: Any) -> Any:
             return 0.0 * steps
 
         return nothing
@@ -93,7 +93,13 @@ class Bounded(Reward):
         effort_weight, smoothness_weight = self.effort_weight, self.smoothness_weight
 
         def bounded_reward(
-            state: CarState, reference: Reference, action: Any, memory: Memory, before: Any, end: Any, world: World
+            state: CarState,
+            reference: Reference,
+            action: Any,
+            episode: EpisodeState,
+            before: Any,
+            end: Any,
+            world: World,
         ) -> Any:
             car = world.car
             lateral = state.lateral_position - reference.lateral_position
@@ -102,8 +108,8 @@ class Bounded(Reward):
             per_speed, per_front, per_rear = 1.0 / car.speed, 1.0 / car.front_angle_limit, 1.0 / car.rear_angle_limit
             sideslip = state.lateral_velocity * per_speed
             front, rear = action
-            front_change = xp.multiply_add(-memory.front_steer_command, per_front, front)
-            rear_change = xp.multiply_add(-memory.rear_steer_command, per_rear, rear)
+            front_change = xp.multiply_add(-episode.front_steer_command, per_front, front)
+            rear_change = xp.multiply_add(-episode.rear_steer_command, per_rear, rear)
             total = plus(1.0, lateral_weight, lateral)
             total = plus(total, heading_weight, heading)
             total = plus(total, sideslip_weight, sideslip)
@@ -167,16 +173,22 @@ class Quadratic(Reward):
         forfeit = xp.function(self.forfeit(xp))
 
         def quadratic_reward(
-            state: CarState, reference: Reference, action: Any, memory: Memory, before: Any, end: Any, world: World
+            state: CarState,
+            reference: Reference,
+            action: Any,
+            episode: EpisodeState,
+            before: Any,
+            end: Any,
+            world: World,
         ) -> Any:
-            return before + xp.where(end > 0, forfeit(memory.steps + 1.0, world.car, world.rules), 0.0)
+            return before + xp.where(end > 0, forfeit(episode.steps + 1.0, world.car, world.rules), 0.0)
 
         return quadratic_reward
 
     def forfeit(self, xp: Any) -> Law:
         worst = xp.function(self.worst_stage_cost(xp))
 
-        def forfeit(steps: Any, car: Car, rules: Any) -> Any:
+        def forfeit(steps: Any, car: CarParameters, rules: Any) -> Any:
             return -(xp.maximum(rules.horizon - steps, 0.0) * worst(car, rules))
 
         return forfeit
@@ -192,7 +204,7 @@ class Quadratic(Reward):
         front_steer_cost, rear_steer_cost = self.front_steer_cost, self.rear_steer_cost
         front_command_cost, rear_command_cost = self.front_command_cost, self.rear_command_cost
 
-        def worst_stage_cost(car: Car, rules: Any) -> Any:
+        def worst_stage_cost(car: CarParameters, rules: Any) -> Any:
             reach = xp.multiply_add(0.5, car.body_width, 2.0 * rules.road_half_width)
             total = plus(front_command_cost + rear_command_cost, lateral_cost, reach)  # actions of 1
             total = plus(total, heading_cost, 2.0 * rules.heading_limit)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.tasks import rewards
-from bicycle_env.tasks.episode import Memory, Reference, Rules, World
+from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
 from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car
 
 
@@ -26,7 +26,7 @@ class StabiliseState(NamedTuple):
     time: float
 
 
-class NoRoute(NamedTuple):
+class Nothing(NamedTuple):
     """The task draws nothing beside the car's state."""
 
 
@@ -48,7 +48,7 @@ class Stabilise(Task):
 
     name = "stabilise"
     episode_steps = 400
-    Route = NoRoute
+    TaskState = Nothing
     Settings = StartBox
     State = StabiliseState
     uniforms = 4
@@ -80,7 +80,7 @@ class Stabilise(Task):
         )
 
     def start(self, xp: Any) -> Any:
-        def start(uniforms: Any, world: World) -> tuple[CarState, NoRoute]:
+        def start(uniforms: Any, world: World) -> tuple[CarState, Nothing]:
             box = world.settings
             lateral_position = box.lateral_position * (2.0 * uniforms[0] - 1.0)
             course = box.course * (2.0 * uniforms[1] - 1.0)
@@ -90,22 +90,22 @@ class Stabilise(Task):
             state = CarState(
                 zero, lateral_position, course - sideslip, sideslip * world.car.speed, yaw_rate, zero, zero
             )
-            return state, NoRoute()
+            return state, Nothing()
 
         return start
 
     def reference(self, xp: Any) -> Any:
-        def reference(state: CarState, route: NoRoute, world: World) -> Reference:
+        def reference(state: CarState, task_state: Nothing, world: World) -> Reference:
             zero = 0.0 * state.lateral_position
-            return Reference(zero, zero, zero, zero)
+            return Reference(zero, zero, zero, zero, world.rules.road_half_width)
 
         return reference
 
     def observe(self, xp: Any) -> Any:
         car = xp.function(observed_car(xp))
 
-        def observe(state: CarState, memory: Memory, world: World) -> tuple[Any, ...]:
-            observed: tuple[Any, ...] = car(state, memory)
+        def observe(state: CarState, episode: EpisodeState, world: World) -> tuple[Any, ...]:
+            observed: tuple[Any, ...] = car(state, episode)
             return observed
 
         return observe

@@ -1,4 +1,4 @@
-"""What a task is: a few pure functions of state, memory and world, written in a namespace ``xp`` like the physics.
+"""What a task is: a few pure functions of state, episode and world, written in a namespace ``xp`` like the physics.
 
 A task is a frozen object, compared by value, like a tire: the environments and their compiled code are given the object
 itself and do not know which task they run. It says how an episode starts, which reference the car should follow and how
@@ -15,7 +15,8 @@ from typing import Any, ClassVar, NamedTuple
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, known_keys, number
 from bicycle_env.tasks.ends import corner_outside, end_code, settled
-from bicycle_env.tasks.episode import Memory, Rules, World
+from bicycle_env.tasks.episode import EpisodeState, Rules, World
+from bicycle_env.tasks.metrics import SHARED, Metric
 from bicycle_env.tasks.rewards import Reward
 
 
@@ -57,12 +58,12 @@ class Task(abc.ABC):
 
     name: ClassVar[str]
     episode_steps: ClassVar[int]
-    Route: ClassVar[Any]
-    """Named-tuple class of what is drawn at the start of an episode and then stays."""
+    TaskState: ClassVar[Any]
+    """Named-tuple class of what an episode has of its own: drawn at its start, changed by :meth:`remember`."""
     Settings: ClassVar[Any]
     """Named-tuple class of the task's numbers."""
     State: ClassVar[Any]
-    """Named-tuple class of ``env.unwrapped.state``: CarState, both commands, time, then the route."""
+    """Named-tuple class of ``env.unwrapped.state``: CarState, both commands, time, then the task's own state."""
     uniforms: ClassVar[int]
     """How many uniform numbers in [0, 1) a start takes."""
     ends: ClassVar[tuple[str, ...]]
@@ -74,12 +75,22 @@ class Task(abc.ABC):
     """By the names that ``reward=`` takes: "default" and "quadratic"; the latter is also the cost that controllers get
     for a task without tuned weights."""
     flipped: ClassVar[tuple[str, ...] | None] = ()
-    """Names in ``Route`` that change sign in the mirror image; None for a task that has no mirror image."""
+    """Names in ``TaskState`` that change sign in the mirror image; None for a task that has no mirror image."""
 
     @property
     def preview_times(self) -> tuple[float, ...]:
         """Look-ahead times of the preview in the observation, s."""
         return ()
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the task's own state that ``info`` tells, too."""
+        return ()
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """The figures of an episode beside success, end and return."""
+        return SHARED
 
     @property
     def end_names(self) -> tuple[str, ...]:
@@ -96,23 +107,46 @@ class Task(abc.ABC):
 
     @abc.abstractmethod
     def start(self, xp: Any) -> Law:
-        """``start(uniforms, world) -> (CarState, route)``, a pure function of the uniforms."""
+        """``start(uniforms, world) -> (CarState, TaskState)``, a pure function of the uniforms."""
 
     @abc.abstractmethod
     def reference(self, xp: Any) -> Law:
-        """``reference(state, route, world) -> Reference``."""
+        """``reference(state, task_state, world) -> Reference``."""
 
     @abc.abstractmethod
     def observe(self, xp: Any) -> Law:
-        """``observe(state, memory, world) -> tuple``, SI values of ``entries`` without the preview."""
+        """``observe(state, episode, world) -> tuple``, SI values of ``entries`` without the preview."""
 
     def preview(self, xp: Any) -> Law:
-        """``preview(state, route, world, time) -> m``: lateral distance to the reference `time` seconds ahead."""
+        """``preview(state, task_state, world, time) -> m``: lateral distance to the reference `time` seconds ahead."""
 
-        def preview(state: CarState, route: Any, world: World, time: Any) -> Any:
+        def preview(state: CarState, task_state: Any, world: World, time: Any) -> Any:
             return 0.0 * state.lateral_position
 
         return preview
+
+    def command(self, xp: Any) -> Law | None:
+        """``command(state, episode, action, world) -> (front, rear)`` [rad], once per control step: who steers.
+
+        What is sent to the two actuators, which clip it to their angle limits. By default, None, the action, a pair in
+        [-1, 1], times these limits.
+        """
+        return None
+
+    def conditions(self, xp: Any) -> Law | None:
+        """``conditions(state, episode, time, world) -> CarParameters``, or None where the car stays what it is.
+
+        The car of this moment, anew in every substep of the physics: another friction, stiffness or mass, a gust as
+        ``side_force``. The other laws go on seeing the nominal car in ``world``.
+        """
+        return None
+
+    def remember(self, xp: Any) -> Law | None:
+        """``remember(state, episode, action, world) -> TaskState`` after a control step, or None where it stays.
+
+        ``state`` is the one after the step, ``episode`` the one before it.
+        """
+        return None
 
     def end(self, xp: Any) -> Law:
         """``end(state, reference, world) -> code``: 0 while running; what the others mean is in ``ends``."""
@@ -130,9 +164,9 @@ class Task(abc.ABC):
     def entries(self, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:
         """The observation, entry by entry."""
 
-    def route_with(self, route: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
-        """The route changed by what :meth:`option_numbers` gives."""
-        return route
+    def task_state_with(self, task_state: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
+        """The task's state changed by what :meth:`option_numbers` gives."""
+        return task_state
 
     def option_numbers(
         self, options: Mapping[str, Any], read: Callable[[str, Any, Allowed], Any] = allowed_number
@@ -204,9 +238,9 @@ def fixed_entries(speed: float, front_limit: float, rear_limit: float) -> tuple[
 
 
 def observed_car(xp: Any) -> Law:
-    """``observed_car(state, memory)``: the values of :func:`fixed_entries`."""
+    """``observed_car(state, episode)``: the values of :func:`fixed_entries`."""
 
-    def observed_car(state: CarState, memory: Memory) -> tuple[Any, ...]:
+    def observed_car(state: CarState, episode: EpisodeState) -> tuple[Any, ...]:
         return (
             state.lateral_position,
             state.heading,
@@ -214,8 +248,8 @@ def observed_car(xp: Any) -> Law:
             state.yaw_rate,
             state.front_steer,
             state.rear_steer,
-            memory.front_steer_command,
-            memory.rear_steer_command,
+            episode.front_steer_command,
+            episode.rear_steer_command,
         )
 
     return observed_car

@@ -34,7 +34,7 @@ def run(monkeypatch, capsys):
 
         def drive(env, policy, episodes, seed, tell):
             driven.append(env.spec.kwargs)
-            return [Episode(True, True, "", 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * episodes
+            return [Episode(True, True, "", 1.0, {"peak_sideslip": 0.0})] * episodes
 
         monkeypatch.setattr(evaluate, "evaluate", drive)
         monkeypatch.setattr(sys, "argv", ["evaluate", "--episodes", "2", *words])

@@ -14,7 +14,7 @@ from bicycle_env.analysis.equilibria import RearBalance, kind_of
 from bicycle_env.analysis.nonlinear_model import NonlinearModel
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.single_track import Car, CarState, axles, car_on_road
+from bicycle_env.physics.single_track import CarParameters, CarState, axles, car_on_road
 
 GRAVITY = 9.81
 OVERSTEER = vehicles["oversteer"]
@@ -187,7 +187,7 @@ def test_kind_by_hand(eigenvalues, kind):
 
 
 def rates_of(vehicle, speed, steer, tire, friction, geometry):
-    car = Car(*map(np.float64, car_on_road(vehicle, speed, friction, FRONT, REAR)))
+    car = CarParameters(*map(np.float64, car_on_road(vehicle, speed, friction, FRONT, REAR)))
     acting = axles(NUMPY, tires.resolve(tire), geometry)
 
     def rates(x):

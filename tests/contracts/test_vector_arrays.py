@@ -9,11 +9,11 @@ from gymnasium import spaces
 from vector_cases import COMBINATIONS, IDS, MODES, STAB, actions_for, drive, make_many, record
 
 from bicycle_env.envs.blocks import ROW_COST, Kind
-from bicycle_env.envs.fleet import registered_fleet
+from bicycle_env.envs.registered_fleet import registered_fleet
 from bicycle_env.envs.rows import Rows
 
 KINDS = {"end": np.int8, "cost": np.float64, "is_success": np.bool_}
-BYTES_PER_ROW = {False: 112, True: 488}
+BYTES_PER_ROW = {False: 112, True: 504}
 """The numbers of a car in float64, without and with numbers of its own, as docs/performance.md says."""
 
 
@@ -173,7 +173,7 @@ def test_the_memory_of_a_row_is_what_is_documented(env_id, varied):
     for dtype in ("float64", "float32"):
         one = fleet.configuration
         entries = len(one.observation_entries)
-        kind = Kind(type(one.task), entries, max(ROW_COST), varied, dtype)
+        kind = Kind(one.task, entries, max(ROW_COST), varied, dtype)
         sizes[dtype] = Rows(kind, fleet, many, 400).numbers.nbytes // many
     assert 0.6 * BYTES_PER_ROW[varied] < sizes["float64"] <= BYTES_PER_ROW[varied]
     assert sizes["float32"] == sizes["float64"] // 2

@@ -10,9 +10,9 @@ from bicycle_env.envs.configuration import configure
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.validation import RANGES
 from bicycle_env.physics.vehicle import QUANTITIES
-from bicycle_env.tasks.episode import Memory, World
+from bicycle_env.tasks.control_step import transition
+from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.stabilise import Stabilise
-from bicycle_env.tasks.transition import transition
 
 LENGTHS = ("front_half_track", "rear_half_track", "front_overhang", "rear_overhang", "body_width")
 DEFAULTS = {"horizon": None, "speed_ratio": None}
@@ -65,7 +65,7 @@ def drive(configuration, rng, steps):
     step = transition(PYTHON, task, configuration.tire, configuration.geometry, configuration.reward)
     observe = task.observe(PYTHON)
     state, route = task.start(PYTHON)([float(u) for u in rng.random(task.uniforms)], world)
-    memory = Memory(0.0, 0.0, 0.0, 0.0, route)
+    memory = EpisodeState(0.0, 0.0, 0.0, 0.0, route)
     for _ in range(steps):
         action = tuple(float(a) for a in rng.choice([-1.0, 1.0, 0.3], 2))
         state, memory, reward, end, cost = step(state, memory, action, world, configuration.substeps)

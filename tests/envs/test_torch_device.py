@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 import torch
-from combinations import pairwise
+from combinations import only_all, pairwise
 from torch._subclasses.fake_tensor import DataDependentOutputException, FakeTensorMode
 from torch_cases import CARS, IDS, LANE, MODES, STAB, STILL, assert_near, quick, random_actions, random_states, zeros
 
@@ -206,7 +206,13 @@ def test_given_states_may_require_gradients():
 
 @pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler")
 @pytest.mark.filterwarnings("ignore")  # the compiler's own
-def test_compiled_cars_drive_the_same_and_compile_once():
+@pytest.mark.parametrize("backend", ["aot_eager", only_all("inductor")])
+def test_compiled_cars_drive_the_same_and_compile_once(backend, monkeypatch):
+    """Captured whole, once; "aot_eager" leaves out the machine code of the default, which takes half a minute."""
+    if backend != "inductor":
+        compiler = torch.compile
+        chosen = {"fullgraph": True, "dynamic": False}
+        monkeypatch.setattr(torch, "compile", lambda law, **given: compiler(law, backend=backend, **chosen))
     plain, compiled = (quick(CARS, compile=compile, autoreset_mode="Disabled") for compile in (False, True))
     actions = torch.from_numpy(random_actions())
     with torch.no_grad():

@@ -24,6 +24,8 @@ from torch_cases import (
 
 from bicycle_env import tires, vehicles
 from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.tasks.episode import World
 
 
 def in_single_env(env_id, states, actions, changes, **keywords):
@@ -213,11 +215,11 @@ def test_starts_are_the_tasks_law_of_torchs_own_numbers(env_id):
     uniforms = torch.rand((4, 5), generator=torch.Generator().manual_seed(21), dtype=torch.float64).numpy()
     single = gym.make(env_id).unwrapped
     for row in range(5):
-        single.reset(seed=0)
-        single._kernels.start(
-            single._memory, np.empty(len(single.observation_names), np.float32), uniforms[:, row].copy()
-        )
-        np.testing.assert_allclose([column[row] for column in envs.state], single.state, rtol=1e-14, atol=1e-16)
+        world = World(single.configuration.car, single.rules, single.configuration.settings)
+        state, route = single.task.start(NUMPY)(uniforms[:, row], world)
+        started = {**state._asdict(), **route._asdict()}
+        for name, value in started.items():
+            assert getattr(envs.state, name)[row] == pytest.approx(value, rel=1e-14, abs=1e-16), name
 
 
 @pytest.mark.parametrize("env_id", IDS)

@@ -18,10 +18,10 @@ from bicycle_env.physics import compiled
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import NUMPY, PYTHON, array_namespace
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import GEOMETRIES, Car, CarState, actuated_single_track, car_on_road
+from bicycle_env.physics.single_track import GEOMETRIES, CarParameters, CarState, actuated_single_track, car_on_road
 
 TORCH = array_namespace(torch)
-FIELDS, NUMBERS = len(CarState._fields), len(Car._fields)
+FIELDS, NUMBERS = len(CarState._fields), len(CarParameters._fields)
 STEPS, SUBSTEPS, TIMESTEP = 200, 5, 0.004
 OVERSTEER = vehicles["oversteer"]
 CAR = car_on_road(OVERSTEER, 1.2 * OVERSTEER.critical_speed, 1.0, FRONT, REAR)
@@ -59,7 +59,7 @@ def in_numba(tire, geometry, start):
     advance = compiled.inlined(law_of(compiled.NUMBA, tire, geometry))
 
     def drive(start, numbers, commands, path):
-        car, state = Car(*to_fixed_tuple(numbers, NUMBERS)), CarState(*to_fixed_tuple(start, FIELDS))
+        car, state = CarParameters(*to_fixed_tuple(numbers, NUMBERS)), CarState(*to_fixed_tuple(start, FIELDS))
         for k in range(len(path)):
             for j in range(FIELDS):
                 path[k, j] = state[j]
@@ -78,7 +78,7 @@ def in_arrays(xp, convert, tire, geometry, start, steps=STEPS):
     """All cars at once; `convert` makes the backend's array of a numpy array."""
     advance = law_of(xp, tire, geometry)
     state, path = CarState(*(convert(column.copy()) for column in start.T)), []
-    car = Car(*(convert(np.full(len(start), value)) for value in CAR))
+    car = CarParameters(*(convert(np.full(len(start), value)) for value in CAR))
     path.append(np.array([np.asarray(values) for values in state]))
     for command in commands(steps):
         both = tuple(convert(np.full(len(start), value)) for value in command)

@@ -14,7 +14,7 @@ from bicycle_env.physics.elementary import NUMPY, PYTHON
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import (
     GEOMETRIES,
-    Car,
+    CarParameters,
     CarState,
     actuated_single_track,
     axles,
@@ -111,7 +111,7 @@ def test_jacobian_with_path_and_actuators_is_the_continuous_model(tire, geometry
 @pytest.mark.parametrize(("tire", "geometry"), COMBINATIONS)
 def test_mirror_symmetry_of_the_rates_to_the_bit(tire, geometry):
     rates = single_track(NUMPY, tires.resolve(tire), geometry)
-    state, car = random_states(3000), Car(*map(np.float64, car_of()))
+    state, car = random_states(3000), CarParameters(*map(np.float64, car_of()))
     steer = (state.front_steer, state.rear_steer)
     here = rates(state, steer, car)
     there = rates(mirrored(state), (-steer[0], -steer[1]), car)
@@ -191,7 +191,7 @@ def test_the_path_by_hand():
 
 def test_the_exact_path_keeps_the_speed():
     """x'^2 + y'^2 = U^2 + V^2: the path is the body's velocity, turned by the heading."""
-    state, car = random_states(500, 4), Car(*map(np.float64, car_of()))
+    state, car = random_states(500, 4), CarParameters(*map(np.float64, car_of()))
     rate = single_track(NUMPY, tires.Fiala(), "exact")(state, (state.front_steer, state.rear_steer), car)
     np.testing.assert_allclose(
         np.hypot(rate.longitudinal_position, rate.lateral_position), np.hypot(43.0, state.lateral_velocity), rtol=1e-13
@@ -215,7 +215,7 @@ def test_peak_forces_are_friction_times_the_static_load():
 @pytest.mark.parametrize("tire", ["tanh", "fiala", "magic_formula"])
 def test_no_lateral_acceleration_beyond_the_friction(tire):
     acting = axles(NUMPY, tires.resolve(tire), "exact")(
-        random_states(3000, 2), Car(*map(np.float64, car_of("oversteer", 40.0, friction=0.7)))
+        random_states(3000, 2), CarParameters(*map(np.float64, car_of("oversteer", 40.0, friction=0.7)))
     )
     assert np.all(np.abs(acting.lateral_acceleration) <= 0.7 * 9.81 * (1.0 + 1e-12))
 
@@ -223,7 +223,7 @@ def test_no_lateral_acceleration_beyond_the_friction(tire):
 def test_a_row_does_not_depend_on_its_neighbours():
     """Several cars at once give, to the bit, what each gives alone."""
     advance = rk4(NUMPY, actuated_single_track(NUMPY, tires.Fiala(), "exact"))
-    car, command = Car(*map(np.float64, car_of())), (np.float64(0.02), np.float64(-0.01))
+    car, command = CarParameters(*map(np.float64, car_of())), (np.float64(0.02), np.float64(-0.01))
     states = random_states(50, 9)
     together = advance(states, command, command, command, car, 0.004)
     for k in range(50):

@@ -90,9 +90,9 @@ FAULTS = {
         {"reference": law(lambda state, route, world: (state.heading,) * 4)},
         "'reference' must be a Reference, got tuple",
     ),
-    "a start without a route": (
+    "a start without a state of the task": (
         {"start": law(lambda uniforms, world: (CarState(*(uniforms[0],) * 7), (uniforms[0],)))},
-        r"'start' must return \(CarState, Route\); the second must be a NoRoute, got tuple",
+        r"'start' must return \(CarState, TaskState\); the second must be a Nothing, got tuple",
     ),
     "an end without a word": (
         {"end": law(lambda state, reference, world: 4 + 0 * state.heading)},
@@ -111,7 +111,7 @@ FAULTS = {
         "names of its entries must differ, got x, x",
     ),
     "another state": ({"State": OtherState}, "State must have the fields longitudinal_position, .*time, got"),
-    "a name that flips and is not there": ({"flipped": ("direction",)}, "flipped must be names of Route"),
+    "a name that flips and is not there": ({"flipped": ("direction",)}, "flipped must be names of TaskState"),
 }
 
 

@@ -13,7 +13,7 @@ from bicycle_env.tasks.episode import Reference, World
 from bicycle_env.tasks.stabilise import Stabilise
 
 SPEED = 30.0
-GOAL = Reference(lateral_position=2.0, heading=0.0, goal=2.0, road_centre=1.0)
+GOAL = Reference(lateral_position=2.0, heading=0.0, goal=2.0, road_centre=1.0, road_half_width=3.5)
 RULES = Stabilise().rules(control_timestep=0.02, substeps=5, horizon=400, steers_front=1.0, steers_rear=1.0)
 WORLD = World(car_on_road(vehicles["oversteer"], SPEED, 1.0, FRONT, REAR), RULES, None)
 REST = CarState(0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -24,7 +24,7 @@ TOLERANCES = {
     "yaw_rate": RULES.yaw_rate_tolerance,
 }
 LIMITS = {
-    "lateral_position": (RULES.road_half_width + 0.5 * WORLD.car.body_width, LEFT),
+    "lateral_position": (GOAL.road_half_width + 0.5 * WORLD.car.body_width, LEFT),
     "heading": (RULES.heading_limit, SPUN),
     "lateral_velocity": (RULES.sideslip_limit * SPEED, SPUN),
     "yaw_rate": (RULES.yaw_rate_limit, SPUN),

@@ -16,7 +16,7 @@ from bicycle_env.analysis.recovery.least_time import IntractableError
 from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import NUMBA
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import Car, CarState, single_track
+from bicycle_env.physics.single_track import CarParameters, CarState, single_track
 from bicycle_env.physics.tires import Tire
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 SHORTEST_STEP = 5e-4
 """s; RK4 then follows modes of 5000 1/s, of which no car has one."""
 
-_NUMBERS = len(Car._fields)
+_NUMBERS = len(CarParameters._fields)
 _matrix = numba.float64[:, ::1]
 _row = numba.float64[::1]
 
@@ -32,7 +32,7 @@ _row = numba.float64[::1]
 def saved_by_feedback(
     tire: Tire,
     geometry: str,
-    car: Car,
+    car: CarParameters,
     starts: CarState,
     gain: Array,
     timestep: float,
@@ -63,7 +63,7 @@ def _feedback(tire: Tire, geometry: str) -> Callable[..., None]:
     fields = len(CarState._fields)
 
     def drive(car_numbers: Any, starts: Any, gain: Any, timestep: Any, most: Any, bounds: Any, saved: Any) -> None:
-        car = Car(*to_fixed_tuple(car_numbers, _NUMBERS))
+        car = CarParameters(*to_fixed_tuple(car_numbers, _NUMBERS))
         for k in range(starts.shape[1]):
             state = CarState(*to_fixed_tuple(starts[:, k].copy(), fields))
             for _ in range(most):

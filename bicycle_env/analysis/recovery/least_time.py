@@ -28,7 +28,7 @@ from bicycle_env.physics import announcements, compiled
 from bicycle_env.physics.compiled import NUMBA
 from bicycle_env.physics.integrators import STABILITY_LIMIT, rk4
 from bicycle_env.physics.linear_single_track import fastest_rate
-from bicycle_env.physics.single_track import Car, CarState, single_track
+from bicycle_env.physics.single_track import CarParameters, CarState, single_track
 from bicycle_env.physics.tires import Tire
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -42,7 +42,7 @@ TOLERANCE = 1e-6
 """Sweeps end when no value changes by more."""
 MOST_SWEEPS = 10_000
 
-_NUMBERS = len(Car._fields)
+_NUMBERS = len(CarParameters._fields)
 _matrix = numba.float64[:, ::1]
 _row = numba.float64[::1]
 
@@ -74,7 +74,13 @@ class Steps(NamedTuple):
 
 
 def steps(
-    tire: Tire, geometry: str, car: Car, lateral_velocity: Array, yaw_rate: Array, steer: Array, longest: float
+    tire: Tire,
+    geometry: str,
+    car: CarParameters,
+    lateral_velocity: Array,
+    yaw_rate: Array,
+    steer: Array,
+    longest: float,
 ) -> Steps:
     """One RK4 step from each node for each pair (front, rear) of `steer` (angles, 2), about ``CELLS`` cells long."""
     out = np.empty((6, len(lateral_velocity), len(yaw_rate), len(steer)))
@@ -91,7 +97,7 @@ def _stepper(tire: Tire, geometry: str) -> Callable[..., None]:
     advance = NUMBA.function(rk4(NUMBA, law))
 
     def fill(car_numbers: Any, lateral_velocity: Any, yaw_rate: Any, steer: Any, longest: Any, out: Any) -> None:
-        car = Car(*to_fixed_tuple(car_numbers, _NUMBERS))
+        car = CarParameters(*to_fixed_tuple(car_numbers, _NUMBERS))
         cell = (lateral_velocity[1] - lateral_velocity[0], yaw_rate[1] - yaw_rate[0])
         for i in range(len(lateral_velocity)):
             for j in range(len(yaw_rate)):

@@ -17,7 +17,7 @@ from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.simulate import simulate
-from bicycle_env.physics.single_track import Car, CarState, car_on_road, single_track
+from bicycle_env.physics.single_track import CarParameters, CarState, car_on_road, single_track
 from bicycle_env.physics.validation import number, positive
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -273,13 +273,13 @@ class RecoverableSet:
         return v, r
 
     @functools.cached_property
-    def _car(self) -> Car:
+    def _car(self) -> CarParameters:
         return car_with_limits(self.vehicle, self.speed, self.friction, self.steer_limits)
 
     @functools.cached_property
-    def _physics(self) -> tuple[Any, Any, Car]:
+    def _physics(self) -> tuple[Any, Any, CarParameters]:
         rates = single_track(NUMPY, self.tire, self.geometry)
-        return rates, rk4(NUMPY, rates), Car(*(np.float64(value) for value in self._car))
+        return rates, rk4(NUMPY, rates), CarParameters(*(np.float64(value) for value in self._car))
 
     @functools.cached_property
     def _value_at(self) -> Any:
@@ -295,7 +295,7 @@ class RecoverableSet:
         return np.stack([lateral_velocity, yaw_rate, course, lateral_position], axis=-1)
 
 
-def car_with_limits(vehicle: Vehicle, speed: float, friction: float, limits: tuple[float, float]) -> Car:
+def car_with_limits(vehicle: Vehicle, speed: float, friction: float, limits: tuple[float, float]) -> CarParameters:
     """The numbers of a car whose road wheels follow at once; an axle that is not steered stays at 0."""
     instant = Actuator(angle_limit=1.0)
     front, rear = (max(limit, sys.float_info.min) for limit in limits)

@@ -1,0 +1,70 @@
+"""The cars of a registered id, or of a single environment's class, from its keywords."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.envs.registration import load_env_creator
+
+from bicycle_env.envs.configuration import configure
+from bicycle_env.envs.fleet import Fleet, configure_fleet
+from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names, make_task
+from bicycle_env.physics.validation import known_keys
+
+ONE_CAR = ("telemetry", "render_mode")
+"""Keywords of the single environment that are no part of a car."""
+
+
+def registered_spec(env_id: object) -> Any:
+    """The registered row; "module:id" imports the module first, as gym.make does."""
+    if not isinstance(env_id, str):
+        raise TypeError(f"env_id must be the id of a registered environment, got {env_id!r}")
+    module, _, name = env_id.rpartition(":")
+    if module:
+        importlib.import_module(module)
+    return gym.spec(name)
+
+
+def registered_fleet(spec: Any, num_envs: int, keywords: Mapping[str, Any], time_limit: int | None = None) -> Fleet:
+    """The cars of a registered id: the single environment's defaults, the registered keywords, then those given.
+
+    Raises:
+        ValueError: the id is not of a single-track environment.
+        TypeError: a keyword that the single environment does not have, or that is for one car only.
+    """
+    return fleet_of(_class_of(spec), num_envs, {**spec.kwargs, **keywords}, time_limit)
+
+
+def keywords_of_id(spec: Any) -> list[str]:
+    """The keywords of an id's cars; ValueError as :func:`registered_fleet`."""
+    return [name for name in keyword_names(_class_of(spec)) if name not in ONE_CAR]
+
+
+def _class_of(spec: Any) -> type[SingleTrackEnv]:
+    env_class = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
+    if not (isinstance(env_class, type) and issubclass(env_class, SingleTrackEnv)):
+        raise ValueError(f"env_id must be of a single-track environment, got {spec.id!r}")
+    return env_class
+
+
+def fleet_of(
+    env_class: type[SingleTrackEnv], num_envs: int, keywords: Mapping[str, Any], time_limit: int | None = None
+) -> Fleet:
+    """The cars of a single environment's class: its defaults, then the keywords given. Raises as the one above.
+
+    `time_limit`: steps of an episode, None where there is none.
+    """
+    given = dict(keywords)
+    allowed = [name for name in keyword_names(env_class) if name not in ONE_CAR]
+    known_keys("keyword", given, allowed, TypeError)
+    defaults = inspect.signature(env_class.__init__).parameters
+    shared = {
+        name: given.pop(name, defaults[name].default)
+        for name in inspect.signature(configure).parameters
+        if name not in ("task", "time_limit")
+    }
+    return configure_fleet(make_task(env_class, given), num_envs, {**shared, "time_limit": time_limit})

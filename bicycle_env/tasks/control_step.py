@@ -1,0 +1,164 @@
+"""One control step of any task: commands, RK4 substeps, reference, end, cost, reward."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from bicycle_env.physics.integrators import rk4
+from bicycle_env.physics.single_track import CarParameters, CarState, actuated_single_track
+from bicycle_env.physics.tires import Tire
+from bicycle_env.tasks.episode import EpisodeState, World
+from bicycle_env.tasks.rewards import Reward
+from bicycle_env.tasks.task import Task
+
+Law = Callable[..., Any]
+Axles = tuple[Any, Any]
+"""(front, rear)."""
+
+
+class Parts(NamedTuple):
+    """The three parts of a control step, apart because a compiler vectorises each over many cars, not the whole.
+
+    ``action`` is the pair (front, rear) in [-1, 1], already clipped, 0 for an axle that is not steered; ``command`` is
+    what the task's ``command`` sends to the actuators.
+    """
+
+    begin: Law
+    """``begin(state, episode, action, world) -> (command, before)``; before: what the reward takes from before."""
+    advance: Law
+    """``advance(state, episode, command, elapsed, world) -> state``: one substep, `elapsed` s into the control step."""
+    finish: Law
+    """``finish(state, episode, action, command, before, world) -> (episode, reward, end, cost)``."""
+
+
+def parts(xp: Any, task: Task, tire: Tire, geometry: str, reward: Reward) -> Parts:
+    """The parts of :func:`transition`."""
+    pushed = task.conditions(xp) is not None
+    substep = xp.function(rk4(xp, actuated_single_track(xp, tire, geometry, pushed)))
+    command_law = xp.function(command_of(xp, task))
+    moment = xp.function(car_of_the_moment(xp, task))
+    reference_law = xp.function(task.reference(xp))
+    end_law = xp.function(task.end(xp))
+    success_law = xp.function(task.success(xp))
+    cost_law = xp.function(task.cost(xp))
+    reward_law = xp.function(reward.law(xp))
+    before_law = xp.function(_before(xp, task, reward))
+    remember_law = xp.function(_remember(xp, task))
+
+    def begin(state: CarState, episode: EpisodeState, action: Axles, world: World) -> tuple[Axles, Any]:
+        return command_law(state, episode, action, world), before_law(state, episode, action, world)
+
+    def advance(state: CarState, episode: EpisodeState, command: Axles, elapsed: Any, world: World) -> CarState:
+        physics_timestep = world.rules.control_timestep / world.rules.substeps
+        car = moment(state, episode, elapsed, world)
+        moved: CarState = substep(state, command, command, command, car, physics_timestep)
+        return moved
+
+    def finish(
+        state: CarState, episode: EpisodeState, action: Axles, command: Axles, before: Any, world: World
+    ) -> tuple[EpisodeState, Any, Any, Any]:
+        reference = reference_law(state, episode.task_state, world)
+        end = end_law(state, reference, world)
+        cost = cost_law(state, reference, world)
+        gained = reward_law(state, reference, action, episode, before, end, world)
+        after = EpisodeState(
+            command[0],
+            command[1],
+            episode.steps + 1.0,
+            xp.where(success_law(state, reference, world), episode.settled_steps + 1.0, 0.0),
+            remember_law(state, episode, action, world),
+        )
+        return after, gained, end, cost
+
+    return Parts(begin, advance, finish)
+
+
+def command_of(xp: Any, task: Task) -> Law:
+    """``command(state, episode, action, world) -> (front, rear)`` [rad], within the actuators' angle limits."""
+    own = task.command(xp)
+
+    def scaled(state: CarState, episode: EpisodeState, action: Axles, world: World) -> Axles:
+        return action[0] * world.car.front_angle_limit, action[1] * world.car.rear_angle_limit
+
+    if own is None:
+        return scaled
+    law = xp.function(own)
+
+    def clipped(state: CarState, episode: EpisodeState, action: Axles, world: World) -> Axles:
+        front, rear = law(state, episode, action, world)
+        most_front, most_rear = world.car.front_angle_limit, world.car.rear_angle_limit
+        return (
+            xp.maximum(xp.minimum(front, most_front), -most_front),
+            xp.maximum(xp.minimum(rear, most_rear), -most_rear),
+        )
+
+    return clipped
+
+
+def car_of_the_moment(xp: Any, task: Task) -> Law:
+    """``moment(state, episode, elapsed, world) -> CarParameters``: under the task's conditions, or the world's car."""
+    conditions = task.conditions(xp)
+    if conditions is None:
+
+        def always(state: CarState, episode: EpisodeState, elapsed: Any, world: World) -> CarParameters:
+            return world.car
+
+        return always
+    law = xp.function(conditions)
+
+    def moment(state: CarState, episode: EpisodeState, elapsed: Any, world: World) -> CarParameters:
+        time = xp.multiply_add(episode.steps, world.rules.control_timestep, elapsed)
+        car: CarParameters = law(state, episode, time, world)
+        return car
+
+    return moment
+
+
+def _before(xp: Any, task: Task, reward: Reward) -> Law:
+    law = reward.before(xp)
+    if law is None:
+
+        def nothing(state: CarState, episode: EpisodeState, action: Axles, world: World) -> Any:
+            return 0.0 * action[0]
+
+        return nothing
+    before_law, reference_law = xp.function(law), xp.function(task.reference(xp))
+
+    def before(state: CarState, episode: EpisodeState, action: Axles, world: World) -> Any:
+        return before_law(state, reference_law(state, episode.task_state, world), action, world)
+
+    return before
+
+
+def _remember(xp: Any, task: Task) -> Law:
+    law = task.remember(xp)
+    if law is not None:
+        return law
+
+    def the_same(state: CarState, episode: EpisodeState, action: Axles, world: World) -> Any:
+        return episode.task_state
+
+    return the_same
+
+
+def transition(xp: Any, task: Task, tire: Tire, geometry: str, reward: Reward) -> Law:
+    """``step(state, episode, action, world, substeps) -> (state, episode, reward, end, cost)``: a control step.
+
+    `substeps` is a whole number; see :class:`Parts` for the rest.
+    """
+    begin, advance, finish = (xp.function(law) for law in parts(xp, task, tire, geometry, reward))
+
+    def step(
+        state: CarState, episode: EpisodeState, action: Axles, world: World, substeps: int
+    ) -> tuple[CarState, EpisodeState, Any, Any, Any]:
+        command, before = begin(state, episode, action, world)
+        physics_timestep = world.rules.control_timestep / world.rules.substeps
+        elapsed = 0.0 * physics_timestep
+        for _ in range(substeps):
+            state = advance(state, episode, command, elapsed, world)
+            elapsed = elapsed + physics_timestep
+        after, gained, end, cost = finish(state, episode, action, command, before, world)
+        return state, after, gained, end, cost
+
+    return step

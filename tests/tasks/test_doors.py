@@ -1,0 +1,215 @@
+"""Who steers, what acts on the car, what an episode remembers: a task of one's own, alike in every environment."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from gymnasium.envs.registration import registry
+
+import bicycle_env
+from bicycle_env import analysis, vehicles
+from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.physics.records import replaced
+from bicycle_env.physics.single_track import CarParameters
+from bicycle_env.tasks.checking import check
+from bicycle_env.tasks.stabilise import Stabilise, StabiliseState
+from bicycle_env.tasks.task import Entry
+
+ID = "Test/Doors-v0"
+STEPS, CARS = 60, 8
+
+
+class Gusts(NamedTuple):
+    """Drawn: when the gust begins and from where; remembered: the largest yaw rate."""
+
+    gust_start: Any
+    gust_side: Any
+    largest_yaw_rate: Any
+
+
+State = NamedTuple("State", [*StabiliseState.__annotations__.items(), *((name, float) for name in Gusts._fields)])
+
+
+@dataclasses.dataclass(frozen=True)
+class Doors(Stabilise):
+    """A driver holds the front wheels, a policy the rear ones; a gust of half a second; ice from 20 m on."""
+
+    TaskState, State, uniforms, flipped = Gusts, State, 6, ("gust_side",)
+    gust_force: float = 2000.0
+    gust_arm: float = 0.5
+    amplitude: float = 0.02
+
+    def start(self, xp):
+        inner = xp.function(Stabilise.start(self, xp))
+
+        def start(uniforms, world):
+            state, _ = inner(uniforms, world)
+            side = xp.where(uniforms[5] < 0.5, -1.0 + 0.0 * state.heading, 1.0)
+            return state, Gusts(0.1 + 0.4 * uniforms[4], side, 0.0 * state.heading)
+
+        return start
+
+    def command(self, xp):
+        amplitude = self.amplitude
+
+        def command(state, episode, action, world):
+            time = episode.steps * world.rules.control_timestep
+            driver = amplitude * episode.task_state.gust_side * xp.sin(3.0 * time)
+            return driver + 0.0 * action[0], action[1] * world.car.rear_angle_limit
+
+        return command
+
+    def conditions(self, xp):
+        force, arm = self.gust_force, self.gust_arm
+        names = ("side_force", "yaw_moment", "front_peak_force", "rear_peak_force")
+        changed = xp.function(replaced(xp, CarParameters, names))
+
+        def conditions(state, episode, time, world):
+            own, car = episode.task_state, world.car
+            blowing = (time >= own.gust_start) & (time < own.gust_start + 0.5)
+            push = xp.where(blowing, force * own.gust_side, 0.0)
+            grip = xp.where(state.longitudinal_position > 20.0, 0.45 + 0.0 * push, 1.0)
+            return changed(car, push, arm * push, grip * car.front_peak_force, grip * car.rear_peak_force)
+
+        return conditions
+
+    def remember(self, xp):
+        def remember(state, episode, action, world):
+            own = episode.task_state
+            return Gusts(own.gust_start, own.gust_side, xp.maximum(own.largest_yaw_rate, abs(state.yaw_rate)))
+
+        return remember
+
+    def observe(self, xp):
+        inner = xp.function(Stabilise.observe(self, xp))
+
+        def observe(state, episode, world):
+            seen, more = inner(state, episode, world), (episode.task_state.largest_yaw_rate,)
+            return seen + more
+
+        return observe
+
+    def entries(self, speed, front_limit, rear_limit):
+        given = Stabilise.entries(self, speed, front_limit, rear_limit)
+        return (*given, Entry("largest_yaw_rate", "rad/s", 1.0, 10.0, "so far", 1.0))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def registered():
+    bicycle_env.register(ID, Doors(), 50)
+    yield
+    registry.pop(ID)
+
+
+def actions():
+    rng = np.random.default_rng(5)
+    return np.clip(np.cumsum(rng.uniform(-0.3, 0.3, (STEPS, CARS, 2)), axis=0), -1.0, 1.0).astype(np.float32)
+
+
+@pytest.mark.parametrize(("tire", "varied"), [("linear", False), ("tanh", True)])
+def test_one_car_is_one_of_many_and_tensors_agree(tire, varied):
+    given = {"tire": tire, "geometry": "small_angle", "autoreset_mode": "Disabled"}
+    friction = np.linspace(0.5, 1.0, CARS) if varied else np.ones(CARS)
+    own = {"friction": friction} if varied else {}
+    many = gym.make_vec(ID, CARS, **given, **own)
+    tensors = TorchVectorEnv(ID, CARS, **given, **own)
+    alone = [gym.make(ID, tire=tire, geometry="small_angle", friction=friction[k], telemetry=True) for k in range(CARS)]
+    many.reset(seed=1)
+    for k, env in enumerate(alone):
+        env.reset(seed=1 + k)
+    tensors.reset(seed=0)
+    state = many.unwrapped.state._asdict()
+    tensors.set_state({name: torch.from_numpy(value) for name, value in state.items()})
+    over = np.zeros(CARS, bool)
+    forces = set()
+    for action in actions():
+        observation, reward, terminated, truncated, _ = many.step(action)
+        seen, gained, *_ = tensors.step(torch.from_numpy(action))
+        for k, env in enumerate(alone):
+            if not over[k]:
+                expected = env.step(action[k])
+                assert (observation[k].tobytes(), reward[k]) == (expected[0].tobytes(), expected[1]), k
+                assert (terminated[k], truncated[k]) == expected[2:4]
+                assert gained[k].item() == pytest.approx(reward[k], rel=1e-12, abs=1e-12)
+                np.testing.assert_allclose(seen[k].numpy(), observation[k], rtol=1e-6, atol=1e-7)
+                forces.add(env.unwrapped.measure()["front_peak_force"])
+                measured, of_many = env.unwrapped.measure(), many.unwrapped.measure()
+                assert {name: values[k] for name, values in of_many.items()} == measured
+                assert {name: values[k].item() for name, values in tensors.measure().items()} == pytest.approx(measured)
+        over |= terminated | truncated
+    assert over.all()
+    assert len(forces) == 2 * len(set(friction)), "on the road and on the ice"
+
+
+def test_a_gust_turns_the_car_as_the_linear_model_says():
+    """m V' = ... + F, Iz r' = ... + F arm, without steering: the state after 0.2 s, against the matrix exponential."""
+    import scipy.linalg
+
+    still = Doors(gust_force=1000.0, gust_arm=0.8, amplitude=0.0)
+    bicycle_env.register("Test/Still-v0", still, 50)
+    env = gym.make("Test/Still-v0", tire="linear", geometry="small_angle", physics_timestep=0.001).unwrapped
+    env.reset(seed=3, options={"state": {}})
+    env.unwrapped._rows.put({"gust_start": 0.1, "gust_side": 1.0}, np.ones(1, bool))
+    for _ in range(15):
+        env.step(np.zeros(2, np.float32))
+    car = vehicles["oversteer"]
+    A = analysis.state_matrix(car, env.speed)
+    push = np.array([1000.0 / car.mass, 1000.0 * 0.8 / car.yaw_inertia])
+    system = np.zeros((3, 3))
+    system[:2, :2], system[:2, 2] = A, push
+    expected = scipy.linalg.expm(system * 0.2)[:2, 2]
+    assert (env.state.lateral_velocity, env.state.yaw_rate) == pytest.approx(tuple(expected), rel=1e-6)
+    registry.pop("Test/Still-v0")
+
+
+def test_the_driver_steers_the_front_wheels_and_the_policy_the_rear_ones():
+    env = gym.make(ID, tire="linear", geometry="small_angle").unwrapped
+    env.reset(seed=0, options={"state": {}})
+    side = env.state.gust_side
+    for k in range(5):
+        env.step(np.array([1.0, 0.5], np.float32))
+        assert env.state.front_steer_command == pytest.approx(0.02 * side * np.sin(3.0 * 0.02 * k), abs=1e-12)
+        assert env.state.rear_steer_command == 0.5 * env.rear_actuator.angle_limit
+
+
+def test_what_is_remembered_ends_with_the_episode_and_is_in_snapshots():
+    env = gym.make(ID, tire="linear", geometry="small_angle").unwrapped
+    env.reset(seed=0)
+    seen = []
+    for action in actions()[:20, 0]:
+        env.step(action)
+        seen.append(abs(env.state.yaw_rate))
+        assert env.state.largest_yaw_rate == max(seen)
+    kept = env.snapshot()
+    env.reset()
+    assert env.state.largest_yaw_rate == 0.0
+    env.restore(kept)
+    assert env.state.largest_yaw_rate == max(seen)
+
+
+def variant(**laws):
+    return dataclasses.dataclass(frozen=True)(type("Variant", (Doors,), laws))()
+
+
+@pytest.mark.parametrize(
+    ("laws", "match"),
+    [
+        ({"command": lambda self, xp: lambda *_: 0.1}, r"'command' must give one finite number per car, got 0\.1"),
+        ({"command": lambda self, xp: lambda s, e, a, w: (a[0], a[1], a[1])}, r"'command' must return \(front, rear\)"),
+        (
+            {"command": lambda self, xp: lambda s, e, a, w: (0.1 + a[0], a[1])},
+            "'command' is another one for the mirror",
+        ),
+        ({"conditions": lambda self, xp: lambda s, e, t, w: w}, "'conditions' must be a CarParameters, got World"),
+        ({"remember": lambda self, xp: lambda s, e, a, w: (0.0,) * 3}, "'remember' must be a Gusts, got tuple"),
+        ({"remember": lambda self, xp: lambda s, e, a, w: Gusts(s.yawrate, 0.0, 0.0)}, "'remember' fails .*yawrate"),
+        ({"flipped": ()}, "'command' is another one for the mirror image"),
+    ],
+)
+def test_a_law_that_cannot_be_is_refused_in_one_line(laws, match):
+    with pytest.raises((TypeError, ValueError), match=match) as error:
+        check(variant(**laws))
+    assert "\n" not in str(error.value)

@@ -1,0 +1,368 @@
+"""What may be added to any task: drawn parameters, disturbances, a driver, delays; alike in every environment."""
+
+import dataclasses
+import math
+import types
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from combinations import only_all
+from gymnasium.envs.registration import EnvSpec
+
+from bicycle_env import vehicles
+from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.physics.compiled import ENTRY_POINTS
+from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.tasks import drivers, randomised
+from bicycle_env.tasks.disturbances import FrictionStep, Gust, StiffnessLoss
+from bicycle_env.tasks.options import altered
+from bicycle_env.tasks.stabilise import Stabilise
+
+STAB, LANE = "BicycleStab-v0", "BicycleLaneChange-v0"
+QUICK = {"tire": "linear", "geometry": "small_angle"}
+CARS = 8
+OWN = ("mass", "yaw_inertia", "front_cornering_stiffness", "rear_cornering_stiffness")
+PARAMETERS = ("friction", *OWN, "front_time_constant", "rear_time_constant")
+EVERYTHING = {
+    "randomise": {"friction": (0.3, 1.0), **dict.fromkeys(PARAMETERS[1:], (0.9, 1.2, "relative"))},
+    "disturbances": (
+        Gust(force=(200.0, 2000.0), start=(0.2, 0.6)),
+        Gust(start=0.1, duration=0.1, side="left"),
+        FrictionStep(at=0.4, front=0.7, rear=(0.5, 0.9)),
+        StiffnessLoss(at=0.3),
+    ),
+    "driver": drivers.SineWithDwell(amplitude=0.01, start=0.1),
+}
+LATE = {"action_delay": 2, "observation_delay": 1}
+
+
+def neutral(gust=None, step=None, loss=None, driver=None, **randomise):
+    """The same laws with numbers that change nothing, but for those given: compiled once for all these tests."""
+    return {
+        "randomise": {"friction": (1.0, 1.0), **dict.fromkeys(PARAMETERS[1:], (1.0, 1.0, "relative")), **randomise},
+        "disturbances": (
+            gust or Gust(force=0.0),
+            Gust(force=0.0),
+            step or FrictionStep(front=1.0, rear=1.0),
+            loss or StiffnessLoss(factor=1.0),
+        ),
+        "driver": driver or drivers.SineWithDwell(amplitude=0.0),
+    }
+
+
+def actions(steps=50, cars=CARS):
+    rng = np.random.default_rng(5)
+    return np.clip(np.cumsum(rng.uniform(-0.3, 0.3, (steps, cars, 2)), axis=0), -1.0, 1.0).astype(np.float32)
+
+
+def make(env_id=STAB, **keywords):
+    return gym.make(env_id, **QUICK, **keywords).unwrapped
+
+
+def drive(env, commands, seed=4, options=None):
+    """Observations (the first one included) and states after each step."""
+    observation, _ = env.reset(seed=seed, options=options)
+    seen, states = [observation], [env.state]
+    for action in commands:
+        seen.append(env.step(action)[0])
+        states.append(env.state)
+        if env.end:
+            break
+    return np.array(seen), states
+
+
+@pytest.mark.parametrize("env_id", [STAB, only_all(LANE)])
+def test_everything_at_once_is_the_same_for_one_car_many_and_tensors(env_id):
+    given = {**QUICK, **EVERYTHING, **LATE, "autoreset_mode": "Disabled", "telemetry": True}
+    many, tensors = gym.make_vec(env_id, CARS, **given), TorchVectorEnv(env_id, CARS, **given)
+    alone = [gym.make(env_id, **QUICK, **EVERYTHING, **LATE, telemetry=True) for _ in range(CARS)]
+    observation, info = many.reset(seed=3)
+    for k, env in enumerate(alone):
+        expected, told = env.reset(seed=3 + k)
+        assert expected.tobytes() == observation[k].tobytes()
+        assert told == {
+            name: many.unwrapped.end_names[info[name][k]] if name == "end" else info[name][k] for name in told
+        }
+    assert {"friction", "mass", "rear_time_constant"} <= set(info)
+    tensors.reset(seed=0)
+    tensors.set_state({name: torch.from_numpy(values) for name, values in many.unwrapped.state._asdict().items()})
+    over = np.zeros(CARS, bool)
+    for action in actions():
+        observation, reward, terminated, truncated, info = many.step(action)
+        seen, gained, *_, of_tensors = tensors.step(torch.from_numpy(action))
+        for k in np.flatnonzero(~over):
+            expected = alone[k].step(action[k])
+            assert (observation[k].tobytes(), reward[k]) == (expected[0].tobytes(), expected[1])
+            assert gained[k].item() == pytest.approx(reward[k], rel=1e-12, abs=1e-12)
+            np.testing.assert_allclose(seen[k].numpy(), observation[k], rtol=1e-6, atol=1e-6)
+            for name in ("friction", "lateral_acceleration", "front_saturation"):
+                assert expected[4][name] == info[name][k]
+                assert of_tensors[name][k].item() == pytest.approx(info[name][k], rel=1e-9, abs=1e-9)
+        over |= terminated | truncated
+    assert over.any()
+
+
+@pytest.mark.parametrize("env_id", [STAB, only_all(LANE)])
+def test_a_seeded_start_is_the_same_with_all_of_it(env_id):
+    plain, altered = make(env_id), make(env_id, **EVERYTHING)
+    for seed in range(3):
+        plain.reset(seed=seed)
+        altered.reset(seed=seed)
+        assert altered.state[: len(plain.state)] == plain.state
+
+
+def test_scales_and_controllers_stay_nominal():
+    plain, altered = make(), make(**EVERYTHING)
+    assert (altered.speed, altered.friction, altered.vehicle) == (plain.speed, plain.friction, plain.vehicle)
+    np.testing.assert_array_equal(altered.observation_scale, plain.observation_scale)
+    np.testing.assert_array_equal(altered.linear_model().A, plain.linear_model().A)
+
+
+# Drawn parameters
+
+
+def test_drawn_parameters_are_those_of_the_car_that_is_driven():
+    """The states are those of an environment whose nominal car has the numbers that were drawn."""
+    ranges = {"friction": (0.4, 0.9), **dict.fromkeys(OWN, (0.8, 1.2, "relative")), "front_time_constant": (0.05, 0.2)}
+    env = make(speed=40.0, **neutral(**ranges))
+    for seed in range(3):
+        env.reset(seed=seed)
+        drawn = {name: getattr(env.state, name) for name in ranges}
+        for name, (low, high, *_) in ranges.items():
+            nominal = getattr(CAR, name) if name in OWN else 1.0
+            assert low * nominal <= drawn[name] <= high * nominal
+        car = dataclasses.replace(CAR, **{name: drawn[name] for name in OWN})
+        wheel = {**FRONT, "time_constant": drawn["front_time_constant"]}
+        twin = make(speed=40.0, vehicle=car, friction=drawn["friction"], front_actuator=wheel)
+        twin.reset(seed=seed)
+        for action in actions(20)[:, 0]:
+            env.step(action)
+            twin.step(action)
+            np.testing.assert_allclose(env.state[: len(twin.state)], twin.state, rtol=1e-12, atol=1e-14)
+
+
+CAR = vehicles["oversteer"]
+FRONT = {"angle_limit": math.radians(6.0), "rate_limit": math.radians(40.0)}
+
+
+def test_other_numbers_compile_nothing_anew():
+    before = set(ENTRY_POINTS)
+    make(**EVERYTHING)
+    known = set(ENTRY_POINTS)
+    others = {
+        **EVERYTHING,
+        "randomise": {**EVERYTHING["randomise"], "friction": (0.5, 0.6)},
+        "disturbances": (
+            Gust(force=3.0, arm=0.1),
+            Gust(duration=2.0),
+            FrictionStep(front=0.9),
+            StiffnessLoss(axle="front"),
+        ),
+        "driver": drivers.SineWithDwell(amplitude=0.02, frequency=0.5, side="right"),
+    }
+    make(**others)
+    assert set(ENTRY_POINTS) == known
+    assert known >= before
+
+
+def test_each_episode_draws_anew_and_covers_the_range():
+    envs = gym.make_vec(STAB, CARS, **QUICK, **EVERYTHING, **LATE)
+    told = [envs.reset(seed=0 if k == 0 else None)[1] for k in range(50)]
+    columns = {}
+    for name, low, high in (("friction", 0.3, 1.0), ("mass", 0.9 * CAR.mass, 1.2 * CAR.mass)):
+        columns[name] = values = np.concatenate([info[name] for info in told])
+        assert low <= values.min() < low + 0.02 * (high - low)
+        assert high >= values.max() > high - 0.02 * (high - low)
+    assert abs(np.corrcoef(columns["friction"], columns["mass"])[0, 1]) < 0.15
+    forces = np.array([envs.reset() and envs.unwrapped.state.gust_force for _ in range(25)])
+    assert 70 < np.sum(forces > 0.0) < 130
+    assert (np.abs(forces) <= 2000.0).all()
+    assert (np.abs(forces) >= 200.0).all()
+
+
+def test_a_reset_may_say_the_number():
+    env = make(**EVERYTHING)
+    _, info = env.reset(seed=0, options={"friction": 0.95})
+    assert info["friction"] == env.state.friction == 0.95
+    given = np.linspace(0.2, 0.9, CARS).tolist()
+    for envs in (
+        gym.make_vec(STAB, CARS, **QUICK, **EVERYTHING, **LATE),
+        TorchVectorEnv(STAB, CARS, **QUICK, **EVERYTHING),
+    ):
+        _, info = envs.reset(seed=0, options={"friction": given})
+        assert info["friction"].tolist() == given
+
+
+# Disturbances
+
+
+def test_a_friction_step_is_another_friction_from_then_on():
+    stepped, slippery = make(**neutral(step=FrictionStep(at=0.0, front=0.6, rear=0.6))), make(friction=0.6)
+    for env in (stepped, slippery):
+        env.reset(seed=1)
+    assert stepped.measure()["front_peak_force"] == pytest.approx(slippery.measure()["front_peak_force"], rel=1e-15)
+    later = make(**neutral(step=FrictionStep(at=0.1, front=0.6, rear=0.6)))
+    later.reset(seed=1)
+    peaks = []
+    for _ in range(8):
+        peaks.append(later.measure()["rear_peak_force"])
+        later.step(np.zeros(2, np.float32))
+    assert [peak == peaks[0] for peak in peaks] == [True] * 5 + [False] * 3
+    assert peaks[-1] == 0.6 * peaks[0]
+
+
+@pytest.mark.parametrize("axle", ["front", "rear"])
+def test_a_loss_of_stiffness_is_another_car_from_then_on(axle):
+    lost = make(**neutral(loss=StiffnessLoss(axle=axle, at=0.0, factor=0.7)), speed=30.0)
+    name = f"{axle}_cornering_stiffness"
+    soft = dataclasses.replace(CAR, **{name: 0.7 * getattr(CAR, name)})
+    _, states = drive(lost, actions(20)[:, 0])
+    _, expected = drive(make(vehicle=soft, speed=30.0), actions(20)[:, 0])
+    np.testing.assert_allclose([s[:10] for s in states], expected, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(("side", "sign"), [("left", 1.0), ("right", -1.0)])
+def test_a_side_wind_pushes_to_its_side(side, sign):
+    env = make(**neutral(gust=Gust(force=800.0, start=0.0, duration=5.0, arm=0.4, side=side)))
+    env.reset(seed=0, options={"state": {}})
+    assert env.measure()["lateral_acceleration"] == pytest.approx(sign * 800.0 / CAR.mass, rel=1e-12)
+    assert env.measure()["yaw_acceleration"] == pytest.approx(sign * 320.0 / CAR.yaw_inertia, rel=1e-12)
+
+
+# Drivers
+
+
+def wheel_of(driver, time):
+    """The driver's law at these times."""
+    own = types.SimpleNamespace(**driver.numbers())
+    return driver.law(NUMPY, None)(None, None, time, own, None)
+
+
+def test_scripted_manoeuvres_by_their_formulas():
+    time = 0.02 * np.arange(150)
+    np.testing.assert_array_equal(wheel_of(drivers.Step(angle=0.01, start=0.5), time), np.where(time >= 0.5, 0.01, 0.0))
+    since, period = np.maximum(time - 0.5, 0.0), 1.0 / 0.7
+    pieces = [since < 0.75 * period, since < 0.75 * period + 0.5, since < period + 0.5]
+    sine = 0.01 * np.sin(2.0 * np.pi * 0.7 * since)
+    late = 0.01 * np.sin(2.0 * np.pi * 0.7 * (since - 0.5))
+    wheel = wheel_of(drivers.SineWithDwell(amplitude=0.01, frequency=0.7, dwell=0.5, start=0.5), time)
+    np.testing.assert_allclose(wheel, np.select(pieces, [sine, -0.01, late], 0.0), atol=1e-14)
+    since = np.clip(time - 0.2, 0.0, 2.0)
+    chirp = 0.005 * np.sin(2.0 * np.pi * (0.5 * since + 0.5 * since**2))
+    wheel = wheel_of(drivers.SineSweep(amplitude=0.005, first=0.5, last=2.5, duration=2.0, start=0.2), time)
+    np.testing.assert_allclose(wheel, np.where(time - 0.2 < 2.0, chirp, 0.0), atol=1e-14)
+
+
+def commands_of(driver, steps, action):
+    env = make(**neutral(driver=driver), vehicle="civic", speed=20.0, front_actuator={"angle_limit": 0.5})
+    env.reset(seed=0, options={"state": {}})
+    found = []
+    for _ in range(steps):
+        env.step(np.array(action, np.float32))
+        found.append(env.state.front_steer_command)
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("side", "sign"), [("left", 1.0), ("right", -1.0)])
+def test_the_manoeuvre_reaches_the_front_wheels_and_the_action_corrects_it(side, sign):
+    driver = drivers.SineWithDwell(amplitude=0.1, start=0.0, side=side)
+    alone = sign * wheel_of(driver, 0.02 * np.arange(10))
+    np.testing.assert_allclose(commands_of(driver, 10, (0.0, 0.0)), alone, atol=1e-15)
+    np.testing.assert_allclose(commands_of(driver, 10, (0.5, 0.0)), alone + 0.25, rtol=1e-12)
+    strong = drivers.SineWithDwell(amplitude=0.4, start=0.0, side=side)
+    wanted = 4.0 * alone + sign * 0.25
+    assert np.max(np.abs(wanted)) > 0.5
+    np.testing.assert_allclose(commands_of(strong, 10, (sign * 0.5, 0.0)), np.clip(wanted, -0.5, 0.5), rtol=1e-12)
+
+
+def test_who_looks_ahead_changes_the_lane_alone():
+    env = gym.make(LANE, vehicle="civic", speed=25.0, steer="rear", driver="preview", direction="left").unwrapped
+    _, states = drive(env, [np.zeros(1, np.float32)] * 250)
+    assert env.end == ""
+    assert states[-1].lateral_position == pytest.approx(3.5, abs=0.3)
+    assert max(state.lateral_position for state in states) < 4.5
+
+
+# Delays
+
+
+@pytest.mark.parametrize("delay", [3, only_all(1)])
+def test_actions_arrive_later(delay):
+    commands = actions(20)[:, 0]
+    _, late = drive(make(action_delay=delay), commands)
+    shifted = np.concatenate([np.zeros((delay, 2), np.float32), commands[:-delay]])
+    _, expected = drive(make(), shifted)
+    assert [state[:10] for state in late] == [tuple(state) for state in expected]
+
+
+@pytest.mark.parametrize("env_id", [LANE, only_all(STAB)])
+def test_observations_are_of_earlier(env_id):
+    commands = actions(20)[:, 0]
+    late, _ = drive(make(env_id, observation_delay=2), commands)
+    now, _ = drive(make(env_id), commands)
+    size = 8 if env_id == STAB else 10
+    np.testing.assert_array_equal(late[2:, :size], now[:-2, :size])
+    np.testing.assert_array_equal(late[:2, :size], now[[0, 0], :size])
+    np.testing.assert_array_equal(late[:, size:], now[:, size:])
+
+
+# As keywords
+
+
+def test_plain_forms_and_json_make_equal_environments():
+    plain = {
+        "randomise": {"friction": [0.3, 1.0], "mass": {"low": 0.9, "high": 1.2, "relative": True}},
+        "disturbances": [dataclasses.asdict(one) for one in EVERYTHING["disturbances"]],
+        "driver": dataclasses.asdict(EVERYTHING["driver"]),
+    }
+    objects = {name: EVERYTHING[name] for name in ("disturbances", "driver")}
+    ranges = {"mass": randomised.Range(0.9, 1.2, relative=True), "friction": (0.3, 1.0)}
+    assert altered(Stabilise(), **plain) == altered(Stabilise(), **objects, randomise=ranges)
+    mine = make(**EVERYTHING)
+    assert gym.make(EnvSpec.from_json(mine.spec.to_json())).unwrapped.task == mine.task
+
+
+@pytest.mark.parametrize(
+    ("keywords", "match"),
+    [
+        ({"randomise": {"grip": (0.3, 1.0)}}, "randomise: parameter must be one of .*got 'grip'"),
+        ({"randomise": {"fricton": (0.3, 1.0)}}, "did you mean 'friction'"),
+        ({"randomise": {"friction": (1.0, 0.3)}}, r"randomise\['friction'\]: high must be"),
+        ({"randomise": {"friction": 0.3}}, r"must be \(low, high\) or \(low, high, 'relative'\), got 0.3"),
+        ({"randomise": {"mass": (1e-3, 1.0, "relative")}}, "physics_timestep must be <="),
+        ({"randomise": 3}, "randomise must be a mapping"),
+        ({"disturbances": Gust()}, r"disturbances must be a tuple of disturbances, for example \(Gust\(\),\)"),
+        ({"disturbances": ({"name": "gst"},)}, r"disturbances\[0\]: name must be .*did you mean 'gust'"),
+        ({"disturbances": ({"name": "gust", "force": -1.0},)}, r"disturbances\[0\]: force must be"),
+        ({"disturbances": (3,)}, r"disturbances\[0\] must be a Disturbance"),
+        ({"driver": "sine"}, "driver must be one of"),
+        ({"driver": 3}, "driver must be None, one of"),
+        ({"action_delay": -1}, "action_delay must be"),
+        ({"observation_delay": 0.5}, "observation_delay must be"),
+        ({"action_delay": 51}, "action_delay must be"),
+    ],
+)
+def test_a_mistake_is_named(keywords, match):
+    with pytest.raises((TypeError, ValueError), match=match) as error:
+        make(**keywords)
+    assert "\n" not in str(error.value).partition(" was raised")[0]
+
+
+@pytest.mark.parametrize(
+    ("law", "given", "match"),
+    [
+        (Gust, {"force": (5.0, 1.0)}, r"force\[1\] must be"),
+        (Gust, {"force": (5.0,)}, r"force must be a number or \(low, high\)"),
+        (Gust, {"side": "up"}, "side must be one of"),
+        (Gust, {"strength": 1.0}, "unknown keyword of Gust 'strength'"),
+        (StiffnessLoss, {"axle": "middle"}, "axle must be one of"),
+        (FrictionStep, {"front": 0.0}, "front must be"),
+        (drivers.Step, {"angle": -0.1}, "angle must be"),
+        (drivers.Step, {"side": "up"}, "side must be one of"),
+    ],
+)
+def test_an_objects_mistake_is_named(law, given, match):
+    with pytest.raises((TypeError, ValueError), match=match):
+        law(**given)
