@@ -29,7 +29,7 @@ from agents.episodes import evaluate, summarise
 from agents.messages import UserError
 from bicycle_env import Vehicle, control, provenance
 from bicycle_env.envs.registered_fleet import registered_spec
-from bicycle_env.envs.single_track_env import SingleTrackEnv
+from bicycle_env.envs.single.single_track_env import SingleTrackEnv
 from bicycle_env.files import anything, mapping, parse_json, shown, write_json
 from bicycle_env.tasks.task import Task
 

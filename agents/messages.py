@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from agents import stopping
+from bicycle_env.backends.compiled import CompilerDisabledError
 from bicycle_env.files import FileError, checked_output, checked_output_folder, shown
-from bicycle_env.physics.compiled import CompilerDisabledError
 from bicycle_env.streams import take_any_text
 
 

@@ -18,7 +18,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import RolloutReturn
 
 from agents import generators
-from bicycle_env.envs.vector_env import VectorSnapshot
+from bicycle_env.envs.many.vector_env import VectorSnapshot
 
 State = dict[str, NDArray[Any]]
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": sb3.PPO, "sac": sb3.SAC, "td3": sb3.TD3}

@@ -32,8 +32,8 @@ from agents.evaluate import environment, make_vector_env, parse_keywords
 from agents.messages import UserError
 from agents.run_folder import CURVE_HEADER, Folder, begun, has_run, held
 from bicycle_env import provenance
+from bicycle_env.backends import announcements
 from bicycle_env.files import FileError, shown
-from bicycle_env.physics import announcements
 from bicycle_env.wrappers import SB3VecEnv
 
 __all__ = ["CURVE_HEADER", "Args", "build", "train"]

@@ -11,7 +11,7 @@ import gymnasium as gym
 
 from agents.messages import UserError
 from bicycle_env import control
-from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names
+from bicycle_env.envs.single.single_track_env import SingleTrackEnv, keyword_names
 from bicycle_env.files import shown
 
 WORD = re.compile(r"[A-Za-z0-9_]{1,40}")

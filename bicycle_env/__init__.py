@@ -9,9 +9,9 @@ from bicycle_env import analysis
 from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.presets import register_vehicle, vehicles
-from bicycle_env.physics.simulate import simulate
 from bicycle_env.physics.vehicle import UnitWarning, Vehicle
 from bicycle_env.registration import register
+from bicycle_env.simulation import simulate
 from bicycle_env.tasks import disturbances, drivers, rewards
 
 __version__ = "0.1.0"

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from bicycle_env import __version__, report, tires
+from bicycle_env.backends import announcements
+from bicycle_env.backends.compiled import CompilerDisabledError
 from bicycle_env.files import checked_output_folder, shown
 from bicycle_env.installation import install_line
-from bicycle_env.physics import announcements
-from bicycle_env.physics.compiled import CompilerDisabledError
 from bicycle_env.physics.validation import choice
 from bicycle_env.physics.vehicle import UnitWarning
 from bicycle_env.streams import take_any_text

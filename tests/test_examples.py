@@ -145,8 +145,8 @@ def test_a_law_that_numba_cannot_compile_is_one_line():
 
     import dataclasses
 
+    from bicycle_env.backends.compiled import LawError
     from bicycle_env.envs import BicycleStabEnv
-    from bicycle_env.physics.compiled import LawError
 
     class Env(BicycleStabEnv):
         default_task = dataclasses.dataclass(frozen=True)(Starred)()

@@ -20,6 +20,8 @@ def test_no_other_place_writes_the_line():
 
 
 def test_a_missing_package_is_answered_with_it():
-    program = "import sys; sys.modules['casadi'] = None\nfrom bicycle_env.control.symbolic import casadi\ncasadi()"
+    program = (
+        "import sys; sys.modules['casadi'] = None\nfrom bicycle_env.control.design.symbolic import casadi\ncasadi()"
+    )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.stderr.splitlines()[-1].endswith('model-predictive control needs CasADi: pip install -e ".[mpc]"')

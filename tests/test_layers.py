@@ -22,7 +22,7 @@ class Row(NamedTuple):
     lazy_packages: set[str] = frozenset()
 
 
-BELOW_ENVS = {"tasks", "analysis", "physics"}
+BELOW_ENVS = {"tasks", "analysis", "simulation", "backends", "physics"}
 EVERYTHING = {
     *BELOW_ENVS,
     "control",
@@ -39,14 +39,20 @@ EVERYTHING = {
 }
 
 ROWS = {
-    "physics": Row({"files"}, {"numpy", "numba", "llvmlite"}),  # llvmlite: numba's own way to its compiler
+    "physics": Row({"files"}, {"numpy"}),
+    "backends": Row({"physics", "files"}, {"numpy", "numba", "llvmlite"}),  # llvmlite: numba's own way to its compiler
+    "simulation": Row({"physics", "backends"}, {"numpy", "numba"}),
     "physics.validation": Row(set(), set()),
     "files": Row(set(), {"numpy"}),
     "files.schema": Row({"physics"}, set()),  # of physics, the checks of values, which import nothing
     "provenance": Row(set(), set()),
     "streams": Row(set(), set()),
     "installation": Row(set(), set()),
-    "analysis": Row({"physics", "installation"}, {"numpy", "scipy", "numba"}, lazy_packages={"control", "tqdm"}),
+    "analysis": Row(
+        {"simulation", "backends", "physics", "installation"},
+        {"numpy", "scipy", "numba"},
+        lazy_packages={"control", "tqdm"},
+    ),
     "tasks": Row({"analysis", "physics"}, {"numpy"}),
     "control": Row({*BELOW_ENVS, "files", "installation"}, {"numpy", "scipy", "numba"}, lazy_packages={"casadi"}),
     "envs": Row(
@@ -61,7 +67,9 @@ ROWS = {
     "plots": Row({*BELOW_ENVS, "files", "installation"}, {"numpy"}, lazy_packages={"matplotlib"}),
     "optimum": Row({*BELOW_ENVS, "control", "envs"}, {"gymnasium", "numpy"}),  # on top: no other row names it
     "registration": Row(set(), {"gymnasium"}, lazy_layers={"envs"}),
-    "root": Row({"physics", "analysis", "tasks", "registration"}, set(), lazy_layers={"plots", "rendering"}),
+    "root": Row(
+        {"physics", "simulation", "analysis", "tasks", "registration"}, set(), lazy_layers={"plots", "rendering"}
+    ),
     "report": Row(EVERYTHING | {"report"}, {"numpy", "scipy"}, lazy_packages={"matplotlib", "gymnasium", "control"}),
     "cli": Row(EVERYTHING | {"report"}, set(), lazy_packages={"numpy", "gymnasium"}),
 }
@@ -205,7 +213,7 @@ def test_the_layers_exist():
         ("analysis", "def f():\n    import matplotlib"),
         ("tasks", "from bicycle_env.envs import kernels"),
         ("tasks", "import gymnasium"),
-        ("control", "from bicycle_env.envs.single_track_env import SingleTrackEnv"),
+        ("control", "from bicycle_env.envs.single.single_track_env import SingleTrackEnv"),
         ("control", "def f():\n    from bicycle_env import envs"),
         ("control", "import gymnasium"),
         ("envs", "from bicycle_env.control.lqr import LQR"),
@@ -251,7 +259,7 @@ def test_the_rules_allow(layer, source):
         "from bicycle_env.physics import _private",
         "from bicycle_env._hidden import name",
         "import bicycle_env._hidden",
-        "def f():\n    from bicycle_env.physics.simulate import _pair",
+        "def f():\n    from bicycle_env.simulation import _pair",
     ],
 )
 def test_the_rule_for_agents_catches(source):

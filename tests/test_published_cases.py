@@ -81,7 +81,7 @@ def mendes_matrices(parameters):
 
 
 def mendes_gain(parameters):
-    from bicycle_env.control.design import continuous_gain
+    from bicycle_env.control.design.gains import continuous_gain
 
     a, b = np.zeros((4, 4)), np.zeros((4, 1))
     a[0, 1] = a[0, 2] = parameters["U"]
@@ -102,7 +102,7 @@ def second_order_poles(frequency, damping):
 
 
 def kinematic_gain(parameters):
-    from bicycle_env.control.design import pole_placement_gain, reference_gain
+    from bicycle_env.control.design.gains import pole_placement_gain, reference_gain
 
     a, b = np.array(parameters["A"]), np.array(parameters["B"], float)[:, None]
     gain = pole_placement_gain(a, b, second_order_poles(parameters["wc"], parameters["zeta"]))
@@ -110,7 +110,7 @@ def kinematic_gain(parameters):
 
 
 def kinematic_observer_gain(parameters):
-    from bicycle_env.control.design import observer_gain
+    from bicycle_env.control.design.gains import observer_gain
 
     a, c = np.array(parameters["A"]), np.array(parameters["C"], float)[None]
     return observer_gain(a, c, second_order_poles(parameters["wo"], parameters["zeta"]))[:, 0]

@@ -7,8 +7,8 @@ import pytest
 
 from agents import messages
 from bicycle_env import cli
-from bicycle_env.physics import announcements
-from bicycle_env.physics.compiled import CompilerDisabledError
+from bicycle_env.backends import announcements
+from bicycle_env.backends.compiled import CompilerDisabledError
 from bicycle_env.streams import take_any_text
 
 

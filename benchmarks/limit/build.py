@@ -13,7 +13,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from bicycle_env.envs import blocks
+from bicycle_env.envs.many import blocks
 from bicycle_env.envs.registered_fleet import registered_fleet
 from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.tasks.episode import Rules

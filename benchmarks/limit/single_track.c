@@ -1,7 +1,7 @@
 /* One control step of BicycleStab-v0 for many cars, in C: what the compiled Python is measured against.
 
    The same blocks in memory, the same equations, the same five RK4 substeps, end, cost, reward and observation as
-   bicycle_env/envs/block_kernels.py; the columns of a block and the shared numbers are in its order. The linear tire
+   bicycle_env/envs/many/block_kernels.py; the columns of a block and the shared numbers are in its order. The linear tire
    (small angles) uses the package's polynomials for sine and cosine; the saturating tires (exact geometry) call libm,
    which gcc replaces by the vector functions of libmvec. Build lines: benchmarks/limit/build.py.
 

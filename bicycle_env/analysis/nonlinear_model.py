@@ -19,8 +19,7 @@ from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.dual_numbers import Dual, dual_namespace
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.simulate import resolve_geometry
-from bicycle_env.physics.single_track import CarState, axles, car_on_road, single_track
+from bicycle_env.physics.single_track import CarState, axles, car_on_road, resolve_geometry, single_track
 from bicycle_env.physics.tires import Law, Tire, resolve
 from bicycle_env.physics.validation import checked_speed, in_range, number
 from bicycle_env.physics.vehicle import Vehicle

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel
-from bicycle_env.control.path import path_ahead
+from bicycle_env.control.design.observation_map import Matrix, Reading
+from bicycle_env.control.design.path import path_ahead
 from bicycle_env.control.policy import Array, Plant, Policy
-from bicycle_env.control.reading import Matrix, Reading
-from bicycle_env.control.rows import Rows
+from bicycle_env.control.remembered import Remembered
 from bicycle_env.physics.validation import number, positive
 
 
@@ -114,7 +114,7 @@ class Preview(Driver):
         self.gain: Matrix = self.preview @ free
         ahead = path_ahead(plant, timestep * np.arange(1.0, steps + 1.0)) @ self.preview
         self._weights = self._limit * (ahead - Reading(plant).state_feedback(self.gain[None, :])[:, 0])
-        self._waiting = Rows(waiting)
+        self._waiting = Remembered(waiting)
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         self._waiting.reset(rows)

@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel
 from bicycle_env.analysis.stability import characteristic_polynomial, critical_speed, input_matrix, state_matrix
+from bicycle_env.control.design.observation_map import Matrix
 from bicycle_env.control.driver import DRIVERS, Driver
 from bicycle_env.control.policy import Array, Plant, Policy
-from bicycle_env.control.reading import Matrix
-from bicycle_env.control.rows import Rows
+from bicycle_env.control.remembered import Remembered
 from bicycle_env.physics.validation import choice, number, positive
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -234,7 +234,7 @@ class ZeroSideslip(RearLaw):
         elapsed = plant.control_timestep / time_constant
         self._rest = math.exp(-elapsed)
         self._mean_rest = -math.expm1(-elapsed) / elapsed
-        self._yaw_rate = Rows(1)
+        self._yaw_rate = Remembered(1)
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         self._yaw_rate.reset(rows)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_env.control.estimation import Disturbance, Noise, Sensors, sideslip_filter
+from bicycle_env.control.design.estimation import Disturbance, MeasuredSignals, Noise, sideslip_filter
+from bicycle_env.control.design.observation_map import Reading
 from bicycle_env.control.lqr import LQR, Weights
 from bicycle_env.control.policy import Array, Plant, Policy
-from bicycle_env.control.reading import Reading
-from bicycle_env.control.rows import Rows
+from bicycle_env.control.remembered import Remembered
 
 Matrix = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ class LQG(Policy):
 
     Lateral position, heading and the path ahead are a lane camera's, the road-wheel angles the steering's own sensors';
     they are taken as they are. The lateral velocity of the observation never reaches the estimate: it only serves to
-    compute what an accelerometer in the simulated car would read (:class:`~bicycle_env.control.estimation.Sensors`).
+    compute what an accelerometer in the simulated car would read (``control.design.estimation.MeasuredSignals``).
     The filter is linear as the LQR is, and starts from what the first measurement says. It remembers: call ``reset``
     when an episode starts.
 
@@ -50,25 +50,25 @@ class LQG(Policy):
         self.model, self.gain, self.preview = regulator.model, regulator.gain, regulator.preview
         self.filter = sideslip_filter(plant, noise, disturbance)
         self._reading = Reading(plant)
-        self._sensors = Sensors(plant, sensor_noise, seed)
-        self._memory = Rows(3)  # predicted lateral velocity and yaw rate; 1 once there is a prediction
+        self._sensors = MeasuredSignals(plant, sensor_noise, seed)
+        self._remembered = Remembered(3)  # predicted lateral velocity and yaw rate; 1 once there is a prediction
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
-        self._memory.reset(rows)
+        self._remembered.reset(rows)
 
     def act(self, observation: Array) -> NDArray[np.float32]:
         cars = np.atleast_2d(np.asarray(observation, np.float64)) * self._reading.scale
-        memory = self._memory.of(len(cars))
+        remembered = self._remembered.of(len(cars))
         states = cars @ self._reading.state
         steer, measured = states[:, STEER], self._sensors.read(states)
         at_rest = np.concatenate([steer, np.zeros((len(cars), len(self.gain)))], axis=1)  # D knows no action
-        predicted = np.where(memory[:, 2:] > 0.0, memory[:, :2], self.filter.first(at_rest, measured))
+        predicted = np.where(remembered[:, 2:] > 0.0, remembered[:, :2], self.filter.first(at_rest, measured))
         innovation = self.filter.innovation(predicted, at_rest, measured)
         estimate = self.filter.update(predicted, innovation)
 
         known = states.copy()
         known[:, BODY] = estimate
         action = np.clip(-known @ self.gain.T - cars @ self._reading.path @ self.preview.T, -1.0, 1.0)
-        memory[:, :2] = self.filter.predict(estimate, innovation, np.concatenate([steer, action], axis=1))
-        memory[:, 2] = 1.0
+        remembered[:, :2] = self.filter.predict(estimate, innovation, np.concatenate([steer, action], axis=1))
+        remembered[:, 2] = 1.0
         return np.asarray(action, np.float32).reshape(*np.shape(observation)[:-1], len(self.gain))

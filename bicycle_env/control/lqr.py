@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuous_model, rk4_map
-from bicycle_env.control.design import continuous_preview_gain, preview_gain, zero_order_hold
+from bicycle_env.control.design.gains import continuous_preview_gain, preview_gain, zero_order_hold
+from bicycle_env.control.design.observation_map import Reading, interpolation
 from bicycle_env.control.policy import Array, Plant, Policy
-from bicycle_env.control.reading import Reading, interpolation
 from bicycle_env.files import number_in, read_json, table
 from bicycle_env.physics.validation import checked_speed, choice, number
 

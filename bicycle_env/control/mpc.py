@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES, rk4_map
-from bicycle_env.control.design import preview_cost, preview_gain
+from bicycle_env.control.design.gains import preview_cost, preview_gain
+from bicycle_env.control.design.observation_map import Reading, interpolation
+from bicycle_env.control.design.symbolic import casadi, control_step, steered_axles
 from bicycle_env.control.lqr import Weights, continuous_design_model, cost_matrices, preview_steps, wanted_states
 from bicycle_env.control.policy import Array, Plant, Policy
-from bicycle_env.control.reading import Reading, interpolation
-from bicycle_env.control.rows import Rows
-from bicycle_env.control.symbolic import casadi, control_step, steered_axles
+from bicycle_env.control.remembered import Remembered
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.validation import positive, whole
 
@@ -104,7 +104,7 @@ class MPC(Policy):
         car: Any = types.SimpleNamespace(**{name: getattr(plant, name) for name in OF_THE_PLANT})
         self._problem = car, lane_limit, sideslip_limit, substeps
         self._build(*self._problem)
-        self._memory = Rows(self.horizon * self._stage + STATES + 1)  # the plan, and 1 once there is one
+        self._remembered = Remembered(self.horizon * self._stage + STATES + 1)  # the plan, and 1 once there is one
         self._plans = np.empty((0, 0))
         self.failures = 0
 
@@ -117,12 +117,12 @@ class MPC(Policy):
         self._build(*self._problem)
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
-        self._memory.reset(rows)
+        self._remembered.reset(rows)
         self._plans = self._plans[:0] if rows is None else self._plans
 
     def act(self, observation: Array) -> NDArray[np.float32]:
         cars = np.atleast_2d(np.asarray(observation, np.float64)) * self._reading.scale
-        memory = self._memory.of(len(cars))
+        memory = self._remembered.of(len(cars))
         actions = np.empty((len(cars), self._axles), np.float32)
         for car, remembered, action in zip(cars, memory, actions, strict=True):
             plan = self._optimised(car, None if remembered[-1] == 0.0 else remembered[:-1])

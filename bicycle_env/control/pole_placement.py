@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.analysis.stability import eigenvalues, input_matrix, state_matrix
-from bicycle_env.control.design import pole_placement_gain
+from bicycle_env.control.design.gains import pole_placement_gain
+from bicycle_env.control.design.path import path_ahead
 from bicycle_env.control.lqr import StateFeedback
-from bicycle_env.control.path import path_ahead
 from bicycle_env.control.policy import Plant
 from bicycle_env.physics.validation import number, positive
 

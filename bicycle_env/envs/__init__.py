@@ -2,6 +2,6 @@
 
 from bicycle_env.envs.bicycle_lane_change import BicycleLaneChangeEnv
 from bicycle_env.envs.bicycle_stab import BicycleStabEnv
-from bicycle_env.envs.torch_vector_env import TorchVectorEnv
+from bicycle_env.envs.tensors.torch_vector_env import TorchVectorEnv
 
 __all__ = ["BicycleLaneChangeEnv", "BicycleStabEnv", "TorchVectorEnv"]

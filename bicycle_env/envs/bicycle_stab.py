@@ -1,7 +1,7 @@
 """BicycleStab-v0."""
 
-from bicycle_env.envs.single_track_env import SingleTrackEnv
-from bicycle_env.envs.vector_env import SingleTrackVectorEnv
+from bicycle_env.envs.many.vector_env import SingleTrackVectorEnv
+from bicycle_env.envs.single.single_track_env import SingleTrackEnv
 from bicycle_env.tasks.stabilise import Stabilise
 
 

@@ -21,8 +21,7 @@ from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.integrators import check_timestep
 from bicycle_env.physics.linear_single_track import fastest_rate, state_matrix
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.simulate import resolve_geometry
-from bicycle_env.physics.single_track import CarParameters, car_on_road
+from bicycle_env.physics.single_track import CarParameters, car_on_road, resolve_geometry
 from bicycle_env.physics.validation import checked_speed, choice, in_range, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks import randomised, rewards

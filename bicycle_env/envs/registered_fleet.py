@@ -12,7 +12,7 @@ from gymnasium.envs.registration import load_env_creator
 
 from bicycle_env.envs.configuration import configure
 from bicycle_env.envs.fleet import Fleet, configure_fleet
-from bicycle_env.envs.single_track_env import SingleTrackEnv, keyword_names, make_task
+from bicycle_env.envs.single.single_track_env import SingleTrackEnv, keyword_names, make_task
 from bicycle_env.physics.validation import known_keys
 
 ONE_CAR = ("telemetry", "render_mode")

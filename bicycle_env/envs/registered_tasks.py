@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from bicycle_env.envs.single_track_env import SingleTrackEnv
-from bicycle_env.envs.vector_env import SingleTrackVectorEnv
+from bicycle_env.envs.many.vector_env import SingleTrackVectorEnv
+from bicycle_env.envs.single.single_track_env import SingleTrackEnv
 from bicycle_env.physics.validation import whole
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.task import Task

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 
 from bicycle_env.physics.actuators import Actuator, steer_rate
 from bicycle_env.physics.records import replaced
-from bicycle_env.physics.tires import Tire
+from bicycle_env.physics.tires import Linear, Tire
+from bicycle_env.physics.validation import choice
 from bicycle_env.physics.vehicle import Vehicle
 
 Rates = Callable[..., Any]
@@ -109,6 +110,13 @@ def car_on_road(vehicle: Vehicle, speed: float, friction: float, front: Actuator
         side_force=0.0,
         yaw_moment=0.0,
     )
+
+
+def resolve_geometry(geometry: str | None, tire: Tire) -> str:
+    """The named geometry, or the default: the book's small angles for the linear tire, exact for the others."""
+    if geometry is None:
+        return "small_angle" if isinstance(tire, Linear) else "exact"
+    return choice("geometry", geometry, GEOMETRIES)
 
 
 def axles(xp: Any, tire: Tire, geometry: str, pushed: bool = False) -> Callable[[CarState, CarParameters], Axles]:

@@ -13,12 +13,12 @@ from bicycle_env.analysis.transfer_functions import INPUTS, zeros
 from bicycle_env.physics import tires
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.simulate import simulate
 from bicycle_env.physics.validation import checked_speed, number, positive
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.plots import style
 from bicycle_env.plots.linear import AXLES
 from bicycle_env.plots.style import BLACK, GREY, YELLOW, dress
+from bicycle_env.simulation import simulate
 
 Array = NDArray[np.float64]
 DEGREE = math.pi / 180.0

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env import analysis
-from bicycle_env.control.design import continuous_gain
+from bicycle_env.control.design.gains import continuous_gain
 from bicycle_env.envs.configuration import DEFAULT_SPEED, DEFAULT_SPEED_RATIO, resolve_speed
 from bicycle_env.physics import tires
 from bicycle_env.physics.presets import resolve_vehicle

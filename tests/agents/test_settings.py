@@ -36,5 +36,10 @@ def test_a_bad_file_is_one_line(tmp_path):
     path.write_text("[ppo]\nn_envs = 1\n")
     with pytest.raises(UserError, match="total_timesteps"):
         settings.read("BicycleStab-v0", "ppo", path)
-    with pytest.raises(UserError, match="BicycleStab-v0"):
-        settings.read("Nothing-v0", "ppo")
+    with pytest.raises(UserError, match="no settings file"):
+        settings.read("BicycleStab-v0", "ppo", tmp_path / "nowhere.toml")
+
+
+def test_a_task_of_ones_own_has_the_default_settings_and_a_remark(capsys):
+    assert settings.read("Mine/Nothing-v0", "ppo") == settings.read("BicycleStab-v0", "ppo")
+    assert "no settings are shipped for Mine/Nothing-v0" in capsys.readouterr().err

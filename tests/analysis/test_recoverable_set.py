@@ -10,7 +10,7 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 import bicycle_env
 from bicycle_env import analysis, control, simulate, tires, vehicles
-from bicycle_env.control.design import continuous_gain
+from bicycle_env.control.design.gains import continuous_gain
 
 DATA = Path(__file__).parents[1] / "data"
 CAR = vehicles["oversteer"]

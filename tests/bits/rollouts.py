@@ -19,7 +19,7 @@ import gymnasium as gym
 import numpy as np
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from bicycle_env.envs.blocks import best_length
+from bicycle_env.envs.many.blocks import best_length
 
 FILE = Path(__file__).parent / "hashes.json"
 STAB, LANE_CHANGE = "BicycleStab-v0", "BicycleLaneChange-v0"

@@ -9,7 +9,7 @@ import pytest
 
 from bicycle_env import Actuator, tires, vehicles
 from bicycle_env.envs.configuration import DEFAULT_SPEED
-from bicycle_env.envs.single_track_env import keyword_names
+from bicycle_env.envs.single.single_track_env import keyword_names
 from bicycle_env.registration import ENVIRONMENTS
 
 

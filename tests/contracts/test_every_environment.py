@@ -205,7 +205,7 @@ def test_other_processes_give_the_same_numbers():
 # Mirror image
 
 EVEN_STATES = ("longitudinal_position",)
-EVEN_INFO = ("end", "cost", "front_saturation", "rear_saturation", "is_success")
+EVEN_INFO = ("end", "cost", "clearance", "front_saturation", "rear_saturation", "is_success")
 
 
 def random_state(env, rng):

@@ -8,9 +8,9 @@ import pytest
 from gymnasium import spaces
 from vector_cases import COMBINATIONS, IDS, MODES, STAB, actions_for, drive, make_many, record
 
-from bicycle_env.envs.blocks import ROW_COST, Kind
+from bicycle_env.envs.many.blocks import ROW_COST, Kind
+from bicycle_env.envs.many.rows import Rows
 from bicycle_env.envs.registered_fleet import registered_fleet
-from bicycle_env.envs.rows import Rows
 
 KINDS = {"end": np.int8, "cost": np.float64, "is_success": np.bool_}
 BYTES_PER_ROW = {False: 112, True: 504}

@@ -21,7 +21,7 @@ from vector_cases import (
     some_rows,
 )
 
-from bicycle_env.envs.blocks import ROW_COST, best_length
+from bicycle_env.envs.many.blocks import ROW_COST, best_length
 
 VARIANTS = [
     ("both", False, "NextStep"),
@@ -183,7 +183,7 @@ def test_the_mirror_image_is_exact(combination):
     observation, info = left.reset(options={"state": state, **sides[0]})
     image = {name: -values for name, values in state.items()}
     reflection, image_info = right.reset(options={"state": image, **sides[1]})
-    even = ("end", "cost", "front_saturation", "rear_saturation", "is_success")
+    even = ("end", "cost", "clearance", "front_saturation", "rear_saturation", "is_success")
     for actions in actions_for(left, 100, seed=4):
         assert np.array_equal(reflection, left.observation_mirror * observation)
         for name in info:

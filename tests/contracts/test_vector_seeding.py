@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from vector_cases import IDS, STAB, actions_for, drive
 
-from bicycle_env.envs.draws import addresses, next_double
+from bicycle_env.backends.compiled_random import addresses, next_double
 
 # The draws
 

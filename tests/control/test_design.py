@@ -8,7 +8,7 @@ import scipy.linalg
 
 from bicycle_env import vehicles
 from bicycle_env.analysis.linear_model import continuous_model, rk4_map
-from bicycle_env.control.design import (
+from bicycle_env.control.design.gains import (
     continuous_gain,
     continuous_preview_gain,
     discrete_gain,

@@ -8,8 +8,8 @@ import pytest
 
 from bicycle_env import analysis, vehicles
 from bicycle_env.analysis.linear_model import STATE_NAMES
+from bicycle_env.control.design.path import path_ahead
 from bicycle_env.control.driver import DRIVERS, Preview, Stanley, held_control
-from bicycle_env.control.path import path_ahead
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.registration import ENVIRONMENTS
 

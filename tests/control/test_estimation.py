@@ -8,8 +8,8 @@ import pytest
 
 from bicycle_env import analysis
 from bicycle_env.control import LQG, LQR
-from bicycle_env.control.design import observer_gain
-from bicycle_env.control.estimation import Disturbance, KalmanFilter, Noise, Sensors, sideslip_filter
+from bicycle_env.control.design.estimation import Disturbance, KalmanFilter, MeasuredSignals, Noise, sideslip_filter
+from bicycle_env.control.design.gains import observer_gain
 from bicycle_env.physics.actuators import Actuator
 
 STEERS = ("front", "rear", "both")
@@ -94,7 +94,7 @@ def test_a_scalar_filter_by_hand():
 def test_the_model_is_the_car(steer):
     """With the linear tire and no rate limit at work, prediction and measurement are the environment's to rounding."""
     car = plant(steer=steer, tire="linear")
-    known, sensors = sideslip_filter(car), Sensors(car)
+    known, sensors = sideslip_filter(car), MeasuredSignals(car)
     rng = np.random.default_rng(0)
     for _ in range(20):
         state = dict(zip(("lateral_velocity", "yaw_rate"), rng.uniform(-0.3, 0.3, 2), strict=True))
@@ -115,7 +115,7 @@ def test_the_model_is_the_car(steer):
 def test_it_converges_from_a_wrong_start():
     """The error goes with (A - L C)^k, whatever the car does meanwhile."""
     car = plant(tire="linear")
-    known, sensors, regulator = sideslip_filter(car), Sensors(car), LQR(car)
+    known, sensors, regulator = sideslip_filter(car), MeasuredSignals(car), LQR(car)
     observation, _ = car.reset(options={"state": {"lateral_velocity": 0.5, "yaw_rate": 0.05}})
     error_map = known.A - known.predictor_gain @ known.C
     predicted = np.array([-3.0, 0.5])
@@ -164,11 +164,11 @@ def test_innovations_have_the_covariance_that_they_should():
 def test_sensor_noise_is_seeded_and_has_its_size():
     car = plant()
     states = np.zeros((50_000, 6))
-    first, same, other = (Sensors(car, Noise(0.01, 0.2), seed).read(states) for seed in (1, 1, 2))
+    first, same, other = (MeasuredSignals(car, Noise(0.01, 0.2), seed).read(states) for seed in (1, 1, 2))
     assert np.array_equal(first, same)
     assert not np.array_equal(first, other)
     np.testing.assert_allclose(first.std(axis=0), [0.01, 0.2], rtol=0.02)
-    assert not np.any(Sensors(car).read(states[:2]))
+    assert not np.any(MeasuredSignals(car).read(states[:2]))
 
 
 # LQG
@@ -186,7 +186,7 @@ def test_the_lateral_velocity_reaches_lqg_through_the_accelerometer_only():
     change = 2.0 * known.C[1, 0] / known.D[1, 0]
     observation[1, names.index("front_steer")] = change / scale[names.index("front_steer")]
     states = observation * scale
-    read = Sensors(car).read(states[:, :6])
+    read = MeasuredSignals(car).read(states[:, :6])
     np.testing.assert_allclose(read[0], read[1], rtol=1e-12)
     policy.reset()
     both = policy.act(observation)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bicycle_env.control import LQG, LQR, ContinuousLQR, PolePlacement
-from bicycle_env.control.estimation import Disturbance, Noise
+from bicycle_env.control.design.estimation import Disturbance, Noise
+from bicycle_env.control.design.margins import Loop, lqg_loop, margins, state_feedback_loop
 from bicycle_env.control.lqr import tuned_weights
-from bicycle_env.control.margins import Loop, lqg_loop, margins, state_feedback_loop
 
 IDS = ("BicycleStab-v0", "BicycleLaneChange-v0")
 STEERS = ("front", "rear", "both")

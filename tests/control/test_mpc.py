@@ -9,7 +9,7 @@ import pytest
 from combinations import only_all
 
 from bicycle_env.control import LQR, MPC, PolePlacement
-from bicycle_env.control.symbolic import casadi_namespace, control_step
+from bicycle_env.control.design.symbolic import casadi_namespace, control_step
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.integrators import rk4

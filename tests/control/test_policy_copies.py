@@ -9,7 +9,7 @@ import pytest
 
 from bicycle_env import control
 from bicycle_env.control import LQG, Network
-from bicycle_env.control.estimation import Noise
+from bicycle_env.control.design.estimation import Noise
 
 ENV = gym.make("BicycleStab-v0").unwrapped
 WAYS = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda policy: pickle.loads(pickle.dumps(policy))}

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from bicycle_env import Actuator, analysis, vehicles
-from bicycle_env.control.design import discrete_gain
+from bicycle_env.control.design.gains import discrete_gain
 from bicycle_env.registration import ENVIRONMENTS
 
 IDS = [row.id for row in ENVIRONMENTS]

@@ -9,7 +9,7 @@ import pytest
 from bicycle_env import Vehicle, vehicles
 from bicycle_env.envs.configuration import configure
 from bicycle_env.envs.fleet import ConfiguredFleet, configure_fleet
-from bicycle_env.envs.single_track_env import SingleTrackEnv
+from bicycle_env.envs.single.single_track_env import SingleTrackEnv
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.tasks.lane_change import LaneChange
 from bicycle_env.tasks.stabilise import Stabilise

@@ -8,7 +8,8 @@ import pytest
 import torch
 from torch_cases import IDS, LANE, MODES, STAB, assert_same_bits, quick, zeros
 
-from bicycle_env.envs import TorchVectorEnv, torch_kernels
+from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.envs.tensors import torch_kernels
 
 HOW = {"deepcopy": copy.deepcopy, "pickle": lambda envs: pickle.loads(pickle.dumps(envs))}
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from bicycle_env.physics import compiled, elementary
+from bicycle_env.backends import compiled
+from bicycle_env.physics import elementary
 from bicycle_env.physics.elementary import NUMPY, PYTHON
 
 TORCH = elementary.array_namespace(torch)

@@ -13,8 +13,8 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 import bicycle_env
 from bicycle_env import analysis, simulate, tires, vehicles
+from bicycle_env.backends import compiled
 from bicycle_env.envs import TorchVectorEnv
-from bicycle_env.physics import compiled
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import NUMPY, PYTHON, array_namespace
 from bicycle_env.physics.integrators import rk4

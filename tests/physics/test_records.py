@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from bicycle_env.backends.compiled import NUMBA, PARTS, inlined
 from bicycle_env.physics import records
-from bicycle_env.physics.compiled import NUMBA, PARTS, inlined
 from bicycle_env.physics.elementary import PYTHON
 
 

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from bicycle_env import tires
-from bicycle_env.physics.compiled import NUMBA
+from bicycle_env.backends.compiled import NUMBA
 from bicycle_env.physics.elementary import array_namespace
 
 C, PEAK = 90e3, 7000.0

@@ -12,8 +12,8 @@ from combinations import only_all
 from gymnasium.envs.registration import EnvSpec
 
 from bicycle_env import vehicles
+from bicycle_env.backends.compiled import ENTRY_POINTS
 from bicycle_env.envs import TorchVectorEnv
-from bicycle_env.physics.compiled import ENTRY_POINTS
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.tasks import drivers, randomised
 from bicycle_env.tasks.disturbances import FrictionStep, Gust, StiffnessLoss

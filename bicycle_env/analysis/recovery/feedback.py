@@ -13,8 +13,8 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.recovery.least_time import IntractableError
-from bicycle_env.physics import announcements, compiled
-from bicycle_env.physics.compiled import NUMBA
+from bicycle_env.backends import announcements, compiled
+from bicycle_env.backends.compiled import NUMBA
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import CarParameters, CarState, single_track
 from bicycle_env.physics.tires import Tire

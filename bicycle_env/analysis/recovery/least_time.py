@@ -24,8 +24,8 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
-from bicycle_env.physics import announcements, compiled
-from bicycle_env.physics.compiled import NUMBA
+from bicycle_env.backends import announcements, compiled
+from bicycle_env.backends.compiled import NUMBA
 from bicycle_env.physics.integrators import STABILITY_LIMIT, rk4
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.single_track import CarParameters, CarState, single_track

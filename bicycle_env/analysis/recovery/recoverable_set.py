@@ -16,10 +16,10 @@ from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.simulate import simulate
 from bicycle_env.physics.single_track import CarParameters, CarState, car_on_road, single_track
 from bicycle_env.physics.validation import number, positive
 from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.simulation import simulate
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from bicycle_env.analysis.recovery.recoverable_set import (
 )
 from bicycle_env.physics import tires
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.simulate import resolve_geometry
+from bicycle_env.physics.single_track import resolve_geometry
 from bicycle_env.physics.validation import checked_speed, choice, in_range, number, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_env.envs.blocks import KEPT, Kind, layout, shared_numbers
 from bicycle_env.envs.fleet import Fleet, is_sequence, number_column
+from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_numbers
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.tasks.episode import World
 from bicycle_env.tasks.task import Allowed, Task, allowed_number, checked_state

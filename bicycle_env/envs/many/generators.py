@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-from bicycle_env.envs.draws import addresses
+from bicycle_env.backends.compiled_random import addresses
 from bicycle_env.physics.validation import whole
 
 

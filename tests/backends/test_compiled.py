@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from numba.extending import intrinsic
 
-from bicycle_env.physics import compiled, elementary, tires
-from bicycle_env.physics.compiled import NUMBA, digest, entry_point
+from bicycle_env.backends import compiled, single_precision
+from bicycle_env.backends.code_digest import digest
+from bicycle_env.backends.compiled import NUMBA, entry_point
+from bicycle_env.physics import elementary, tires
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.single_track import single_track
 
@@ -188,7 +190,7 @@ def test_constants_of_all_kinds_are_single_in_single_precision():
     def law(x, gain=2.5):
         return gain * (x * enclosed + pair[1]) - GAIN * np.pi / math.tau + 3.0
 
-    single = compiled.in_single_precision(law)
+    single = single_precision.in_single_precision(law)
     for function, number in ((single, numba.float32), (compiled.inlined(law), numba.float64)):
         assert called_by_compiled(function)(np.float32(0.3)) == pytest.approx(law(0.3), rel=1e-6)
         (overload,) = function.overloads.values()
@@ -213,9 +215,9 @@ def test_code_compiled_with_another_licence_is_other_code(monkeypatch):
     def law(x):
         return x * x + 1.0
 
-    before = compiled.digest(law)
+    before = digest(law)
     monkeypatch.setitem(compiled.COMMON, "fastmath", {"contract"})
-    assert compiled.digest(law) != before
+    assert digest(law) != before
 
 
 def test_nan_survives_compilation():

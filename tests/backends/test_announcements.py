@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from bicycle_env.physics import announcements
-from bicycle_env.physics.announcements import compiling, not_kept, progress, silenced
+from bicycle_env.backends import announcements
+from bicycle_env.backends.announcements import compiling, not_kept, progress, silenced
 
 START = "bicycle_env: compiling"
 

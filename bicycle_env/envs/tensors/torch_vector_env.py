@@ -17,13 +17,13 @@ from gymnasium.vector.utils import batch_space
 
 from bicycle_env.envs.fleet import ConfiguredFleet
 from bicycle_env.envs.registered_fleet import keywords_of_id, registered_fleet, registered_spec
-from bicycle_env.envs.single_track_env import SingleTrackEnv
+from bicycle_env.envs.single.single_track_env import SingleTrackEnv
 from bicycle_env.envs.telemetry import telemetry as telemetry_of
+from bicycle_env.envs.tensors.torch_device import as_numbers, device_and_generator, import_torch, shortened
+from bicycle_env.envs.tensors.torch_kernels import Episodes, Tensor, chosen, mapped, torch_kernels
+from bicycle_env.envs.tensors.torch_options import TorchOptions
 from bicycle_env.envs.time_limit import remark
 from bicycle_env.envs.told import read_only, tell
-from bicycle_env.envs.torch_device import as_numbers, device_and_generator, import_torch, shortened
-from bicycle_env.envs.torch_kernels import Episodes, Tensor, chosen, mapped, torch_kernels
-from bicycle_env.envs.torch_options import TorchOptions
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, flag, known_keys, whole
 from bicycle_env.tasks.ends import RUNNING

@@ -9,8 +9,8 @@ import scipy.interpolate
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES
+from bicycle_env.control.design.observation_map import Reading
 from bicycle_env.control.policy import Plant
-from bicycle_env.control.reading import Reading
 
 Matrix = NDArray[np.float64]
 

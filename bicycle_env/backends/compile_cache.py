@@ -13,8 +13,8 @@ from typing import Any
 from numba.core.caching import CompileResultCacheImpl, NullCache
 from numba.core.serialize import dumps
 
+from bicycle_env.backends import announcements
 from bicycle_env.files import write_bytes
-from bicycle_env.physics import announcements
 
 ABANDONED = 3600.0  # s
 """The age at which a temporary file is of a process that was killed."""

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from bicycle_env.envs import block_kernels, blocks
-from bicycle_env.envs.block_kernels import BAD_ACTION
-from bicycle_env.envs.blocks import Kind, shared_layout
-from bicycle_env.physics import announcements, compiled
+from bicycle_env.backends import announcements, compiled
+from bicycle_env.envs.many import block_kernels, blocks
+from bicycle_env.envs.many.block_kernels import BAD_ACTION
+from bicycle_env.envs.many.blocks import Kind, shared_layout
 from bicycle_env.physics.tires import Tire
 from bicycle_env.tasks.control_step import transition
 from bicycle_env.tasks.rewards import Reward

@@ -12,14 +12,14 @@ import numpy as np
 from gymnasium import logger, spaces
 from numpy.typing import NDArray
 
-from bicycle_env.envs import kernels
+from bicycle_env.backends.compiled_random import addresses
 from bicycle_env.envs.arrays import real_array
-from bicycle_env.envs.block_kernels import BAD_ACTION
-from bicycle_env.envs.blocks import KEPT, Kind, shared_layout
 from bicycle_env.envs.configuration import Configured, configure
-from bicycle_env.envs.draws import addresses
 from bicycle_env.envs.fleet import alike
-from bicycle_env.envs.rows import Rows
+from bicycle_env.envs.many.block_kernels import BAD_ACTION
+from bicycle_env.envs.many.blocks import KEPT, Kind, shared_layout
+from bicycle_env.envs.many.rows import Rows
+from bicycle_env.envs.single import kernels
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
 from bicycle_env.envs.told import read_only, tell

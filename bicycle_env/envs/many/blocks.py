@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bicycle_env.physics import compiled
+from bicycle_env.backends.compiled import NUMBA
+from bicycle_env.backends.single_precision import NUMBA_FLOAT32
 from bicycle_env.physics.records import reader, writer
 from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
@@ -48,7 +49,7 @@ class Kind(NamedTuple):
     @property
     def xp(self) -> Any:
         """The namespace of the laws."""
-        return compiled.NUMBA if self.dtype == "float64" else compiled.NUMBA_FLOAT32
+        return NUMBA if self.dtype == "float64" else NUMBA_FLOAT32
 
 
 class Layout(NamedTuple):

@@ -11,14 +11,15 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import ArrayLike, NDArray
 
-from bicycle_env.physics import announcements, compiled, tires
+from bicycle_env.backends import announcements, compiled
+from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.integrators import check_timestep, rk4
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.single_track import GEOMETRIES, CarParameters, CarState, axles, car_on_road, single_track
-from bicycle_env.physics.validation import checked_speed, choice, in_range, known_keys, number, positive
+from bicycle_env.physics.single_track import CarParameters, CarState, axles, car_on_road, resolve_geometry, single_track
+from bicycle_env.physics.validation import checked_speed, in_range, known_keys, number, positive
 from bicycle_env.physics.vehicle import Vehicle
 
 Steer = ArrayLike | Callable[[float], tuple[float, float]]
@@ -91,13 +92,6 @@ def simulate(
         **acting._asdict(),
         "sideslip": history.lateral_velocity / speed,
     }
-
-
-def resolve_geometry(geometry: str | None, tire: tires.Tire) -> str:
-    """The named geometry, or the default: the book's small angles for the linear tire, exact for the others."""
-    if geometry is None:
-        return "small_angle" if isinstance(tire, tires.Linear) else "exact"
-    return choice("geometry", geometry, GEOMETRIES)
 
 
 def _steer_inputs(steer: Steer, time: NDArray[np.float64]) -> NDArray[np.float64]:

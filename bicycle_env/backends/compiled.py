@@ -9,13 +9,10 @@ else does.
 from __future__ import annotations
 
 import contextlib
-import functools
 import hashlib
 import re
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
 import llvmlite
@@ -26,12 +23,12 @@ from llvmlite import ir
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
-from numba.core.extending import _Intrinsic
 from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
+from bicycle_env.backends.code_digest import digest
+from bicycle_env.backends.compile_cache import ContentCache
 from bicycle_env.physics import elementary
-from bicycle_env.physics.compile_cache import ContentCache
 
 # The compiler has no licence to round otherwise than the source says: `contract` fuses what suits the processor,
 # `reassoc` makes a row depend on its neighbours, `nnan` deletes the NaN checks.
@@ -66,7 +63,7 @@ def inlined(law: Callable[..., Any]) -> Any:
     """A law as a part of a larger compiled function."""
     if isinstance(law, Dispatcher) or numba.config.DISABLE_JIT:  # then entry_point says what is wrong
         return law
-    content = digest(law)
+    content = digest(law, COMMON)
     if content not in PARTS:
         part: Any = numba.njit(law, forceinline=True, no_cpython_wrapper=True, **COMMON)
         part.__class__ = Part
@@ -75,83 +72,13 @@ def inlined(law: Callable[..., Any]) -> Any:
     return PARTS[content]
 
 
-def digest(function: Any) -> str:
-    """A hexadecimal digest of a function's bytecode and of everything that it refers to, at any depth."""
-    hasher = hashlib.sha256(f"{numba.__version__} {np.__version__} {sys.version} {COMMON}".encode())
-    _feed(hasher.update, function, set())
-    return hasher.hexdigest()
-
-
-# Their versions are in every digest: what is inside them needs no look.
-_VERSIONED = ("builtins", "math", "numba", "numpy", "operator")
-
-
-def _feed(update: Callable[[bytes], None], item: Any, seen: set[int], names: tuple[str, ...] = ()) -> None:
-    """Feed one thing; `names` are the attributes that the code around it may read from a module."""
-
-    def word(*parts: object) -> None:
-        update(repr(parts).encode())
-
-    if isinstance(item, Part):
-        word("part", item.content)
-        return
-    if isinstance(item, Dispatcher):
-        item = item.py_func
-    if isinstance(item, _Intrinsic) and item.__module__.partition(".")[0] not in _VERSIONED:
-        item = item.__wrapped__
-    if isinstance(item, FunctionType):
-        word("function", item.__name__)
-        if id(item) in seen:
-            return
-        seen.add(id(item))
-        names = _names(item.__code__)
-        _feed(update, item.__code__, seen)
-        _feed(update, item.__defaults__, seen)
-        _feed(update, tuple((item.__kwdefaults__ or {}).items()), seen)
-        for cell in item.__closure__ or ():
-            _feed(update, cell.cell_contents, seen, names)
-        for name in names:
-            if name in item.__globals__:
-                word(name)
-                _feed(update, item.__globals__[name], seen, names)
-    elif isinstance(item, CodeType):
-        word("code", item.co_code, item.co_names, item.co_varnames, item.co_freevars)
-        _feed(update, item.co_consts, seen)
-    elif isinstance(item, ModuleType):
-        word("module", item.__name__)
-        if item.__name__.partition(".")[0] not in _VERSIONED:
-            for name in names:
-                if hasattr(item, name):
-                    word(name)
-                    _feed(update, getattr(item, name), seen, names)
-    elif isinstance(item, (tuple, frozenset)):
-        word(type(item).__name__, len(item))
-        for part in item if isinstance(item, tuple) else sorted(item, key=repr):
-            _feed(update, part, seen, names)
-    elif isinstance(item, type):
-        word("type", item.__module__, item.__qualname__, getattr(item, "_fields", None))
-    elif isinstance(item, (np.ndarray, np.generic)):
-        word("numpy", item.dtype.str, item.shape, item.tobytes())
-    elif isinstance(item, (int, float, complex, str, bytes, type(None))):
-        word(type(item).__name__, item)
-    else:
-        # Built-in functions, numpy functions and numba's own intrinsics.
-        word("other", getattr(item, "__module__", type(item).__module__), getattr(item, "__name__", str(type(item))))
-
-
-@functools.cache
-def _names(code: CodeType) -> tuple[str, ...]:
-    inner = [name for const in code.co_consts if isinstance(const, CodeType) for name in _names(const)]
-    return (*code.co_names, *inner)
-
-
 @inlined
-def _choose(condition: Any, then: Any, otherwise: Any) -> Any:
+def choose(condition: Any, then: Any, otherwise: Any) -> Any:
     return then if condition else otherwise
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
+def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
     """a b + c, rounded once: LLVM's fma. A processor without one takes the mathematics library's: exact, and slow."""
     kind = typing.unify_types(a, b, c)
 
@@ -163,7 +90,7 @@ def _multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
     return kind(kind, kind, kind), generate
 
 
-NUMBA: elementary.Namespace = elementary.namespace("numba", _choose, np.floor, inlined, multiply_add=_multiply_add)
+NUMBA: elementary.Namespace = elementary.namespace("numba", choose, np.floor, inlined, multiply_add=multiply_add)
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -174,37 +101,6 @@ def first_bit(_typing: Any, _bits: Any) -> Any:
         return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
 
     return numba.int64(numba.uint64), generate
-
-
-def _single(value: Any, names: tuple[str, ...] = ()) -> Any:
-    """A constant in single precision: numba would compute float32 x 0.5 in float64. `names`: read from modules."""
-    if isinstance(value, float):
-        return np.float32(value)
-    if isinstance(value, tuple) and any(isinstance(part, float) for part in value):
-        return tuple(_single(part) for part in value)
-    if isinstance(value, ModuleType) and any(isinstance(getattr(value, name, None), float) for name in names):
-        module = ModuleType(f"{value.__name__} in single precision")  # np.pi, math.pi
-        vars(module).update({name: _single(getattr(value, name)) for name in names if hasattr(value, name)})
-        return module
-    return value
-
-
-def in_single_precision(law: Callable[..., Any]) -> Any:
-    """The same law with its floats, literal, global, enclosed, default and in modules, as float32; inlined."""
-    if isinstance(law, Dispatcher):
-        return law
-    function: Any = law
-    code = function.__code__
-    known, names = function.__globals__, code.co_names
-    scope = {**known, **{name: _single(known[name], names) for name in names if name in known}}
-    cells = tuple(CellType(_single(cell.cell_contents, names)) for cell in function.__closure__ or ())
-    code = code.replace(co_consts=tuple(_single(value) for value in code.co_consts))
-    return inlined(FunctionType(code, scope, function.__name__, _single(function.__defaults__), cells or None))
-
-
-NUMBA_FLOAT32: elementary.Namespace = elementary.namespace(
-    "numba_float32", _choose, np.floor, in_single_precision, rounding=2.0**-24, multiply_add=_multiply_add
-)
 
 
 ENTRY_POINTS: dict[str, Callable[..., Any]] = {}
@@ -222,7 +118,7 @@ def entry_point(
     """
     if numba.config.DISABLE_JIT:
         raise CompilerDisabledError("bicycle_env needs numba's compiler, and NUMBA_DISABLE_JIT is set: unset it")
-    what = f"{digest(function)} {signature} {nogil} {interleave} {llvmlite.__version__}"
+    what = f"{digest(function, COMMON)} {signature} {nogil} {interleave} {llvmlite.__version__}"
     content = hashlib.sha256(what.encode()).hexdigest()
     if content in ENTRY_POINTS:
         return ENTRY_POINTS[content]

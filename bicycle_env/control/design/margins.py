@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import LinearModel
-from bicycle_env.control.estimation import KalmanFilter
+from bicycle_env.control.design.estimation import KalmanFilter
 
 Matrix = NDArray[np.float64]
 

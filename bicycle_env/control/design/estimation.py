@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.analysis.stability import input_matrix, state_matrix
-from bicycle_env.control.design import zero_order_hold
+from bicycle_env.control.design.gains import zero_order_hold
 from bicycle_env.control.policy import Plant
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.single_track import CarState, axles, car_on_road
@@ -129,7 +129,7 @@ def sideslip_filter(plant: Plant, noise: Noise | None = None, disturbance: Distu
     )
 
 
-class Sensors:
+class MeasuredSignals:
     """Plays the yaw-rate sensor and the accelerometer of a simulated car, by the package's own tires and geometry.
 
     Args:

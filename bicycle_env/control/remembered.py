@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class Rows:
+class Remembered:
     """Numbers per car, zero when the car starts an episode.
 
     Args:

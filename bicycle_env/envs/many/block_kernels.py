@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from bicycle_env.envs import blocks
-from bicycle_env.envs.blocks import Kind, layout, shared_layout
-from bicycle_env.envs.draws import fetch, next_double
-from bicycle_env.physics import announcements, compiled
-from bicycle_env.physics.compiled import first_bit
+from bicycle_env.backends import announcements, compiled
+from bicycle_env.backends.compiled import first_bit
+from bicycle_env.backends.compiled_random import fetch, next_double
+from bicycle_env.envs.many import blocks
+from bicycle_env.envs.many.blocks import Kind, layout, shared_layout
 from bicycle_env.physics.records import reader, writer
 from bicycle_env.physics.single_track import Axles, axles
 from bicycle_env.physics.tires import Linear, Tire

@@ -8,8 +8,8 @@ import numba
 import numpy as np
 import pytest
 
-from bicycle_env.physics import announcements, compile_cache, compiled
-from bicycle_env.physics.compiled import entry_point
+from bicycle_env.backends import announcements, compile_cache, compiled
+from bicycle_env.backends.compiled import entry_point
 
 NUMBER = numba.float64(numba.float64)
 

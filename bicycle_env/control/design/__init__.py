@@ -1,0 +1,1 @@
+"""What controllers are designed with: gains, margins, filters, maps from observations to states, paths, symbols."""

@@ -1,0 +1,1 @@
+"""One car: the Gymnasium environment, and the entry point of its step."""

@@ -1,0 +1,1 @@
+"""Many cars on torch tensors."""
