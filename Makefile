@@ -45,7 +45,7 @@ demo: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.demo --out $(OUT)
 
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-all: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --dist worksteal -m exhaustive

@@ -229,6 +229,10 @@ def test_the_layers_exist():
         ("envs", "def f():\n    from bicycle_env.optimum import search_steering"),
         ("wrappers", "def f():\n    import stable_baselines3"),
         ("envs", "from bicycle_env.cli import main"),
+        ("physics", "import numba"),
+        ("physics", "from bicycle_env.backends import compiled"),
+        ("tasks", "from bicycle_env.backends.compiled import NUMBA"),
+        ("backends", "from bicycle_env.analysis import stability"),
         ("root", "import gymnasium"),
         ("root", "from bicycle_env import envs"),
     ],
@@ -240,7 +244,8 @@ def test_the_rules_catch(layer, source):
 @pytest.mark.parametrize(
     ("layer", "source"),
     [
-        ("physics", "import math\nimport numba\nimport numpy as np\nfrom bicycle_env.physics import tires"),
+        ("backends", "import math\nimport numba\nimport numpy as np\nfrom bicycle_env.physics import tires"),
+        ("physics", "import math\nimport numpy as np\nfrom bicycle_env.physics import tires"),
         ("physics", "from . import tires\nfrom .vehicle import Vehicle"),
         ("analysis", "import scipy.linalg\nfrom bicycle_env.physics.vehicle import Vehicle"),
         ("analysis", "def f():\n    import control"),

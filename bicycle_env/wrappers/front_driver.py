@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import gymnasium as gym
@@ -17,6 +18,9 @@ class FrontDriver(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     of the step before, once per step, and is reset with the environment. The wrapper owns it: give each environment
     a driver of its own.
 
+    Deprecated: ``gym.make(..., driver=..., steer="rear")`` does this for one car, many and on tensors, with the drivers
+    of ``bicycle_env.drivers``. This wrapper remains for policies that are none of these, and will go.
+
     Args:
         env: an environment that steers both axles, ``steer="both"``.
         driver: a policy with ``act(observation)`` and ``reset()``, for example a driver model of
@@ -28,6 +32,11 @@ class FrontDriver(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], driver: Any) -> None:
+        warnings.warn(
+            "FrontDriver is deprecated: give gym.make, gym.make_vec or TorchVectorEnv driver= and steer='rear'",
+            DeprecationWarning,
+            stacklevel=2,
+        )
         RecordConstructorArgs.__init__(self, driver=driver)
         super().__init__(env)
         if not isinstance(env.action_space, spaces.Box) or env.action_space.shape != (2,):

@@ -13,6 +13,8 @@ from bicycle_env.control.lqr import LQR
 from bicycle_env.registration import ENVIRONMENTS
 from bicycle_env.wrappers import FrontDriver
 
+pytestmark = pytest.mark.filterwarnings("ignore:FrontDriver is deprecated")
+
 IDS = [row.id for row in ENVIRONMENTS]
 
 
@@ -136,3 +138,9 @@ def test_bad_actions_change_nothing(action):
 def test_a_step_needs_a_reset():
     with pytest.raises(gym.error.ResetNeeded, match="reset"):
         wrapped().step(np.zeros(1, np.float32))
+
+
+def test_it_says_what_takes_its_place():
+    env = gym.make("BicycleStab-v0")
+    with pytest.warns(DeprecationWarning, match="driver= and steer='rear'"):
+        FrontDriver(env, Preview(env.unwrapped))
