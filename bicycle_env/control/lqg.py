@@ -50,7 +50,7 @@ class LQG(Policy):
         self.model, self.gain, self.preview = regulator.model, regulator.gain, regulator.preview
         self.filter = sideslip_filter(plant, noise, disturbance)
         self._reading = Reading(plant)
-        self._sensors = MeasuredSignals(plant, sensor_noise, seed)
+        self._sensors = MeasuredSignals(getattr(plant, "driven", plant), sensor_noise, seed)
         self._remembered = Remembered(3)  # predicted lateral velocity and yaw rate; 1 once there is a prediction
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:

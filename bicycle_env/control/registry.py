@@ -32,13 +32,40 @@ NAMES = (*POLICIES, *COMBINATIONS)
 """All that ``make`` takes: ``POLICIES`` and every driver with every rear-steer law."""
 
 
-def make(name: str, env: Any) -> Policy:
+class OtherCar:
+    """An environment as a controller sees it that is designed for another car or speed than the one driven.
+
+    What is observed and commanded is the driven car's; vehicle, speed and linear model are the other's.
+    """
+
+    def __init__(self, driven: Any, other: Any) -> None:
+        self.driven, self._other = driven, other
+
+    def __getattr__(self, name: str) -> Any:
+        of_the_other = ("vehicle", "speed", "linear_model", "stability")
+        return getattr(self._other if name in of_the_other else self.driven, name)
+
+
+def designed_for(plant: Any, vehicle: Any = None, speed: float | None = None) -> Any:
+    """The environment with another car or speed to design for; ValueError or TypeError for one that cannot be."""
+    if getattr(plant, "spec", None) is None:
+        raise ValueError("vehicle and speed to design for need an environment that gym.make has made")
+    left = ("render_mode", "telemetry", "speed_ratio")
+    given = {name: value for name, value in plant.spec.kwargs.items() if name not in left}
+    given["vehicle"] = plant.vehicle if vehicle is None else vehicle
+    given["speed"] = plant.speed if speed is None else speed
+    return OtherCar(plant, type(plant)(**given))
+
+
+def make(name: str, env: Any, *, vehicle: Any = None, speed: float | None = None) -> Policy:
     """A controller by name, designed for an environment.
 
     Args:
         name: one of ``POLICIES``, or DRIVER+LAW: a driver at the front wheels and a law at the rear ones, for example
             "preview+sano"; or "module:Class", a :class:`Policy` of one's own, which is made from the environment.
         env: the environment, wrapped or not.
+        vehicle, speed: another car [as ``gym.make`` takes it] and speed [m/s] to design for than those that are driven:
+            how robust is it?
 
     Raises:
         ValueError, TypeError: an unknown name (the message proposes the nearest); a controller that cannot drive this
@@ -47,6 +74,8 @@ def make(name: str, env: Any) -> Policy:
     plant: Plant = getattr(env, "unwrapped", env)
     if not hasattr(plant, "linear_model"):
         raise TypeError(f"env must be an environment of this package, got {env!r}")
+    if vehicle is not None or speed is not None:
+        plant = designed_for(plant, vehicle, speed)
     if isinstance(name, str) and name in REAR_LAWS:
         drivers = " or ".join(repr(f"{driver}+{name}") for driver in DRIVERS)
         raise ValueError(f"policy {name!r} steers the rear wheels only, and needs a driver at the front: {drivers}.")

@@ -96,6 +96,7 @@ def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> F
         same: Any = (speed[rows], friction[rows], first.front_actuator, first.rear_actuator)
         for column, values in zip(car, car_on_road(vehicle, *same), strict=True):
             column[rows] = values
+    task = first.task  # with what is added to it
     many: Any = speed  # tasks write settings and scales for one speed, or for an array of them
     entries = task.entries(many, first.front_actuator.angle_limit, first.rear_actuator.angle_limit)
     return Fleet(

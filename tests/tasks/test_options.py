@@ -73,11 +73,17 @@ def drive(env, commands, seed=4, options=None):
     return np.array(seen), states
 
 
-@pytest.mark.parametrize("env_id", [STAB, only_all(LANE)])
-def test_everything_at_once_is_the_same_for_one_car_many_and_tensors(env_id):
+@pytest.mark.parametrize(
+    ("env_id", "varied"), [(STAB, True), only_all(STAB, False), only_all(LANE, True), only_all(LANE, False)]
+)
+def test_everything_at_once_is_the_same_for_one_car_many_and_tensors(env_id, varied):
     given = {**QUICK, **EVERYTHING, **LATE, "autoreset_mode": "Disabled", "telemetry": True}
-    many, tensors = gym.make_vec(env_id, CARS, **given), TorchVectorEnv(env_id, CARS, **given)
-    alone = [gym.make(env_id, **QUICK, **EVERYTHING, **LATE, telemetry=True) for _ in range(CARS)]
+    own = {"vehicle": ["oversteer", "me303"] * (CARS // 2), "speed": np.linspace(35.0, 42.0, CARS)} if varied else {}
+    many, tensors = gym.make_vec(env_id, CARS, **given, **own), TorchVectorEnv(env_id, CARS, **given, **own)
+    alone = [
+        gym.make(env_id, **QUICK, **EVERYTHING, **LATE, telemetry=True, **{name: own[name][k] for name in own})
+        for k in range(CARS)
+    ]
     observation, info = many.reset(seed=3)
     for k, env in enumerate(alone):
         expected, told = env.reset(seed=3 + k)

@@ -47,6 +47,8 @@ class Rows:
         self._shared, self._shape = len(shared), (self.blocks, at.width, kind.length)
         if fleet.varied:
             own = [*fleet.car, *fleet.settings, *(1.0 / fleet.observation_scale.T)]
+            if len(own) != at.width - at.car:
+                raise ValueError(f"a row must have {at.width - at.car} numbers of its own, got {len(own)}")
             everyone = np.ones(num_envs, dtype=np.bool_)
             for column, values in enumerate(own, start=at.car):
                 self._columns[:, column] = np.ravel(values)[0]  # rows that fill up the last block, too
