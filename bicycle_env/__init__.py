@@ -13,11 +13,13 @@ from bicycle_env.physics.vehicle import UnitWarning, Vehicle
 from bicycle_env.registration import register
 from bicycle_env.simulation import simulate
 from bicycle_env.tasks import disturbances, drivers, rewards
+from bicycle_env.tasks.sensors import Sensors
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Actuator",
+    "Sensors",
     "UnitWarning",
     "Vehicle",
     "__version__",

@@ -90,7 +90,20 @@ def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
     return kind(kind, kind, kind), generate
 
 
-NUMBA: elementary.Namespace = elementary.namespace("numba", choose, np.floor, inlined, multiply_add=multiply_add)
+@inlined
+def integer(x: Any) -> Any:
+    """A whole float as an integer."""
+    return np.int64(x)
+
+
+@inlined
+def _double(i: Any) -> Any:
+    return np.float64(i)
+
+
+NUMBA: elementary.Namespace = elementary.namespace(
+    "numba", choose, np.floor, inlined, multiply_add=multiply_add, integer=integer, real=_double
+)
 
 
 @intrinsic  # type: ignore[untyped-decorator]

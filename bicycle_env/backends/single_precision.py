@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from bicycle_env.backends.compiled import choose, inlined, multiply_add
+from bicycle_env.backends.compiled import choose, inlined, integer, multiply_add
 from bicycle_env.physics import elementary
 
 
@@ -39,6 +39,18 @@ def in_single_precision(law: Callable[..., Any]) -> Any:
     return inlined(FunctionType(code, scope, function.__name__, _single(function.__defaults__), cells or None))
 
 
+@inlined
+def _single_of(i: Any) -> Any:
+    return np.float32(i)
+
+
 NUMBA_FLOAT32: elementary.Namespace = elementary.namespace(
-    "numba_float32", choose, np.floor, in_single_precision, rounding=2.0**-24, multiply_add=multiply_add
+    "numba_float32",
+    choose,
+    np.floor,
+    in_single_precision,
+    rounding=2.0**-24,
+    multiply_add=multiply_add,
+    integer=integer,
+    real=_single_of,
 )

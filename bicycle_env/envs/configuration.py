@@ -214,13 +214,14 @@ def configure(
     driver: Any = None,
     action_delay: int = 0,
     observation_delay: int = 0,
+    sensors: Any = None,
     time_limit: int | None = None,
 ) -> Configuration:
     """Check every keyword; ValueError or TypeError names a bad one, its value and what is allowed.
 
     `time_limit`: steps of an episode, the default of the horizon; None where it is not known or there is none.
     """
-    task = altered(task, randomise, disturbances, driver, action_delay, observation_delay)
+    task = altered(task, randomise, disturbances, driver, action_delay, observation_delay, sensors)
     check(task)
     vehicle = resolve_vehicle(vehicle)
     tire = tires.resolve(tire)

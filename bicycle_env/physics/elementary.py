@@ -97,6 +97,12 @@ class Namespace(Protocol):
     def minimum(self, a: Any, b: Any, /) -> Any: ...
     def maximum(self, a: Any, b: Any, /) -> Any: ...
     def floor(self, x: Any, /) -> Any: ...
+    def integer(self, x: Any, /) -> Any:
+        """A whole float as an integer of 64 bits, on which + & | ^ << >> are what they are in Python."""
+
+    def real(self, i: Any, /) -> Any:
+        """An integer as a float."""
+
     def near_sin(self, r: Any, /) -> Any:
         """sin r for |r| <= pi/2, without the reduction."""
 
@@ -277,6 +283,8 @@ def namespace(
     function: Callable[[Any], Any] = lambda law: law,
     rounding: float = 2.0**-53,
     multiply_add: Callable[..., Any] = multiply_add,
+    integer: Callable[..., Any] = int,
+    real: Callable[..., Any] = float,
 ) -> Any:
     """Build a :class:`Namespace` from a backend's elementwise choice and floor; `rounding`: the relative one.
 
@@ -287,6 +295,7 @@ def namespace(
     xp.where = where
     xp.floor = floor
     xp.multiply_add = multiply_add
+    xp.integer, xp.real = integer, real
     xp.minimum = function(minimum(xp))
     xp.maximum = function(maximum(xp))
     xp.half_turns = function(half_turns(xp))
@@ -301,9 +310,19 @@ def namespace(
     return xp
 
 
-def array_namespace(module: Any) -> Namespace:
-    """The namespace of an array library: numpy, torch, or one with the same ``where`` and ``floor``."""
-    xp: Namespace = namespace(module.__name__, module.where, module.floor)
+def array_namespace(module: Any, dtype: Any = None) -> Namespace:
+    """The namespace of an array library: numpy, torch, or one with the same ``where``, ``floor`` and ``asarray``.
+
+    `dtype`: of the floats that integers become, by default the module's float64.
+    """
+
+    def integer(x: Any) -> Any:
+        return module.asarray(x, dtype=module.int64)
+
+    def real(i: Any) -> Any:
+        return module.asarray(i, dtype=module.float64 if dtype is None else dtype)
+
+    xp: Namespace = namespace(module.__name__, module.where, module.floor, integer=integer, real=real)
     return xp
 
 

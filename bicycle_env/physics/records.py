@@ -86,6 +86,9 @@ def composed(xp: Any, record: Any, values: Sequence[str], arguments: str, **laws
     return xp.function(_written("composed", arguments, f"return record({', '.join(values)})", record=record, **scope))
 
 
-def sequence(xp: Any, values: Sequence[str], arguments: str) -> Any:
-    """``f(arguments) -> tuple``, each value from an expression of the arguments."""
-    return xp.function(_written("sequence", arguments, f"return ({''.join(f'{value}, ' for value in values)})"))
+def sequence(xp: Any, values: Sequence[str], arguments: str, **laws: Any) -> Any:
+    """``f(arguments) -> tuple``, each value from an expression of the arguments and of laws, by their names."""
+    scope = {name: xp.function(law) for name, law in laws.items()}
+    return xp.function(
+        _written("sequence", arguments, f"return ({''.join(f'{value}, ' for value in values)})", **scope)
+    )

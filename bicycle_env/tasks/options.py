@@ -8,10 +8,12 @@ from typing import Any
 from bicycle_env.physics.validation import whole
 from bicycle_env.tasks import disturbances as disturbing
 from bicycle_env.tasks import drivers, randomised
+from bicycle_env.tasks import sensors as sensing
 from bicycle_env.tasks.delays import MOST_DELAY, LateActions, LateObservations
 from bicycle_env.tasks.disturbances import DisturbedTask
 from bicycle_env.tasks.drivers import DrivenTask
 from bicycle_env.tasks.randomised import RandomisedTask
+from bicycle_env.tasks.sensors import SensedTask
 from bicycle_env.tasks.task import Task
 
 
@@ -22,6 +24,7 @@ def altered(
     driver: Any = None,
     action_delay: int = 0,
     observation_delay: int = 0,
+    sensors: Any = None,
 ) -> Task:
     """The task with what is added to it; the task itself where nothing is.
 
@@ -29,7 +32,7 @@ def altered(
         ValueError, TypeError: a bad value, named with what is allowed.
     """
     ranges, acting = randomised.resolve(randomise), disturbing.resolve(disturbances)
-    at_the_wheel = drivers.resolve(driver)
+    at_the_wheel, measured_by = drivers.resolve(driver), sensing.resolve(sensors)
     late_actions = whole("action_delay", action_delay, 0, MOST_DELAY)
     late_observations = whole("observation_delay", observation_delay, 0, MOST_DELAY)
     if late_actions:
@@ -40,4 +43,6 @@ def altered(
         task = RandomisedTask(task, ranges)
     if acting:
         task = DisturbedTask(task, acting)
+    if measured_by is not None:
+        task = SensedTask(task, measured_by)
     return LateObservations(task, late_observations) if late_observations else task

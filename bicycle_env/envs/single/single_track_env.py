@@ -84,6 +84,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         driver: Any = None,
         action_delay: int = 0,
         observation_delay: int = 0,
+        sensors: Any = None,
         telemetry: bool = False,
         render_mode: str | None = None,
         **task_keywords: Any,
@@ -108,6 +109,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             driver=driver,
             action_delay=action_delay,
             observation_delay=observation_delay,
+            sensors=sensors,
         )
         self._adopt(configuration)
         tell(self, telemetry=flag("telemetry", telemetry))

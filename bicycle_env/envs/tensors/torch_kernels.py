@@ -81,7 +81,7 @@ def torch_kernels(
     """Bind the laws to torch; `step_limit`: control steps until the time-out."""
     configuration = fleet.configuration
     task, tire, geometry, rules = configuration.task, configuration.tire, configuration.geometry, configuration.rules
-    xp = array_namespace(torch)
+    xp = array_namespace(torch, dtype)
 
     def tensor(value: Any) -> Tensor:
         return torch.tensor(value, dtype=dtype, device=device)
