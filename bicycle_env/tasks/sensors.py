@@ -50,13 +50,17 @@ class SensedTask(AlteredTask):
     def __post_init__(self) -> None:
         known = [entry.name for entry in self._entries]
         for field in ("noise", "resolution"):
-            for name, _ in getattr(self.sensors, field):
+            for name, _ in self._pairs(field):
                 choice(f"sensors: {field}: entry", name, known)
 
     @property
     def _entries(self) -> tuple[Any, ...]:
         entries = self.task.entries(30.0, 0.1, 0.1)  # names and mirror images do not depend on these
         return entries[: len(entries) - len(self.task.preview_times)]
+
+    def _pairs(self, field: str) -> tuple[tuple[str, float], ...]:
+        pairs: tuple[tuple[str, float], ...] = getattr(self.sensors, field)
+        return pairs
 
     @property
     def kept(self) -> tuple[str, ...]:
@@ -68,8 +72,8 @@ class SensedTask(AlteredTask):
 
     @property
     def numbers(self) -> Mapping[str, float]:
-        found = {f"{name}_noise": value for name, value in self.sensors.noise}
-        return {**found, **{f"{name}_resolution": value for name, value in self.sensors.resolution}}
+        fields = ("noise", "resolution")
+        return {f"{name}_{field}": value for field in fields for name, value in self._pairs(field)}
 
     @property
     def draws(self) -> int:
@@ -93,7 +97,7 @@ class SensedTask(AlteredTask):
         inner = xp.function(self.task.observe(xp))
         noise = xp.function(_noise(xp))
         rounded = xp.function(_rounded(xp))
-        noisy, coarse = dict(self.sensors.noise), dict(self.sensors.resolution)
+        noisy, coarse = dict(self._pairs("noise")), dict(self._pairs("resolution"))
         values = []
         for j, entry in enumerate(self._entries):
             value = f"values[{j}]"
