@@ -10,7 +10,7 @@ import abc
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 from bicycle_env.physics.records import composed, record_of, replaced
 from bicycle_env.physics.single_track import CarState
@@ -29,7 +29,9 @@ class Driver(abc.ABC):
 
     name: str
     side: str = "left"
-    """To which side a manoeuvre goes first: "left", "right" or "random"; one who looks ahead has none."""
+    """To which side a manoeuvre goes first: "left", "right" or "random"."""
+    sided: ClassVar[bool] = True
+    """Whether the angle is that of a manoeuvre to the left, turned to the side; False for one who looks where to go."""
 
     def numbers(self) -> dict[str, float]:
         """Its numbers, by the names of its fields."""
@@ -149,6 +151,8 @@ class Preview(Driver):
     92-01, 1992); the wheels are turned by (wheelbase + K U^2) times it, K from the nominal car (Karnopp 6.31).
     """
 
+    sided = False
+
     name: str = dataclasses.field(default="preview", init=False, repr=False, compare=False)
     preview_time: float = 0.8
     """s."""
@@ -220,7 +224,6 @@ class DrivenTask(AlteredTask):
         driver = xp.function(self.driver.law(xp, self.task.reference(xp)))
         names = tuple(self.driver.numbers())
         own_numbers = composed(xp, record_of("Numbers", names), [f"a.driver_{name}" for name in names], "a")
-        looks = isinstance(self.driver, Preview)
 
         def side_of(task_state: Any) -> Any:
             return task_state.driver_side
@@ -228,7 +231,7 @@ class DrivenTask(AlteredTask):
         def none(task_state: Any) -> Any:
             return 1.0
 
-        side = xp.function(none if looks else side_of)
+        side = xp.function(side_of if self.driver.sided else none)
 
         def command(state: CarState, episode: EpisodeState, action: Any, world: World) -> tuple[Any, Any]:
             front, rear = inner(state, episode, action, world)

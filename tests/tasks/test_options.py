@@ -14,9 +14,15 @@ from gymnasium.envs.registration import EnvSpec
 from bicycle_env import vehicles
 from bicycle_env.backends.compiled import ENTRY_POINTS
 from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.physics import actuators
 from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.records import replaced
+from bicycle_env.physics.single_track import CarParameters, car_on_road
 from bicycle_env.tasks import drivers, randomised
-from bicycle_env.tasks.disturbances import FrictionStep, Gust, StiffnessLoss
+from bicycle_env.tasks.checking import check
+from bicycle_env.tasks.control_step import command_of
+from bicycle_env.tasks.disturbances import Disturbance, FrictionStep, Gust, StiffnessLoss
+from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.options import altered
 from bicycle_env.tasks.stabilise import Stabilise
 
@@ -372,3 +378,59 @@ def test_a_mistake_is_named(keywords, match):
 def test_an_objects_mistake_is_named(law, given, match):
     with pytest.raises((TypeError, ValueError), match=match):
         law(**given)
+
+
+# One's own
+
+
+@dataclasses.dataclass(frozen=True)
+class Puncture(Disturbance):
+    """The rear axle loses stiffness and grip at a place on the road."""
+
+    name: str = "puncture"
+    place: float = 30.0
+
+    def amounts(self):
+        return {"place": self.place}
+
+    def law(self, xp):
+        soft = replaced(xp, CarParameters, ("rear_cornering_stiffness", "rear_peak_force"))
+
+        def puncture(car, own, fixed, time):
+            left = xp.where(time * car.speed > own.place, 0.4, 1.0 + 0.0 * time)
+            return soft(car, left * car.rear_cornering_stiffness, left * car.rear_peak_force)
+
+        return puncture
+
+
+@dataclasses.dataclass(frozen=True)
+class Countersteer(drivers.Driver):
+    """Steers against the yaw rate."""
+
+    name: str = "countersteer"
+    sided = False
+    gain: float = 0.1
+
+    def law(self, xp, reference):
+        def countersteer(state, task_state, time, own, world):
+            return -own.gain * state.yaw_rate
+
+        return countersteer
+
+
+def test_a_disturbance_and_a_driver_of_ones_own():
+    task = altered(Stabilise(), disturbances=(Puncture(place=15.0),), driver=Countersteer(gain=0.2))
+    check(task)
+    assert {"puncture_place", "driver_side"} <= set(task.TaskState._fields)
+    shared = {"control_timestep": 0.02, "substeps": 5, "horizon": 400, "steers_front": 1.0, "steers_rear": 1.0}
+    car = car_on_road(CAR, 30.0, 1.0, actuators.FRONT, actuators.REAR)
+    world = World(car, task.rules(**shared), task.settings(30.0))
+    state, own = task.start(NUMPY)(np.full(task.uniforms, 0.7), world)
+    episode = EpisodeState(0.0, 0.0, 10.0, 0.0, own)
+    command = command_of(NUMPY, task)(state, episode, (0.0, 0.0), world)
+    assert command == (
+        pytest.approx(np.clip(-0.2 * state.yaw_rate, -car.front_angle_limit, car.front_angle_limit)),
+        0.0,
+    )
+    peaks = [task.conditions(NUMPY)(state, episode, time, world).rear_peak_force for time in (0.4, 0.6)]
+    assert peaks == pytest.approx([car.rear_peak_force, 0.4 * car.rear_peak_force])
