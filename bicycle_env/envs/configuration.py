@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuous_model, rk4_map
 from bicycle_env.analysis.stability import Stability, stability
 from bicycle_env.envs.plain import plain_spec
+from bicycle_env.envs.setup import ADDED, Setup
 from bicycle_env.envs.time_limit import resolve_horizon
 from bicycle_env.envs.told import Told, frozen, tell
 from bicycle_env.physics import actuators, tires
@@ -193,50 +193,27 @@ class Configured:
         return self.configuration.linear_model()
 
 
-def configure(
-    task: Task,
-    *,
-    vehicle: str | Vehicle | Mapping[str, Any],
-    tire: str | tires.Tire | Mapping[str, Any],
-    speed: float | None,
-    speed_ratio: float | None,
-    steer: str,
-    friction: float,
-    geometry: str | None,
-    front_actuator: Actuator | Mapping[str, Any],
-    rear_actuator: Actuator | Mapping[str, Any],
-    control_timestep: float,
-    physics_timestep: float,
-    reward: str | Reward | Mapping[str, Any],
-    horizon: int | None,
-    randomise: Mapping[str, Any] | None = None,
-    disturbances: Any = (),
-    driver: Any = None,
-    action_delay: int = 0,
-    observation_delay: int = 0,
-    sensors: Any = None,
-    time_limit: int | None = None,
-) -> Configuration:
+def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Configuration:
     """Check every keyword; ValueError or TypeError names a bad one, its value and what is allowed.
 
     `time_limit`: steps of an episode, the default of the horizon; None where it is not known or there is none.
     """
-    task = altered(task, randomise, disturbances, driver, action_delay, observation_delay, sensors)
+    task = altered(task, **{name: getattr(setup, name) for name in ADDED})
     check(task)
-    vehicle = resolve_vehicle(vehicle)
-    tire = tires.resolve(tire)
-    speed = resolve_speed(vehicle, speed, speed_ratio)
-    steer = choice("steer", steer, STEER_MODES)
-    friction = in_range("friction", friction)
-    geometry = resolve_geometry(geometry, tire)
-    reward = rewards.resolve(reward, task.rewards)
+    vehicle = resolve_vehicle(setup.vehicle)
+    tire = tires.resolve(setup.tire)
+    speed = resolve_speed(vehicle, setup.speed, setup.speed_ratio)
+    steer = choice("steer", setup.steer, STEER_MODES)
+    friction = in_range("friction", setup.friction)
+    geometry = resolve_geometry(setup.geometry, tire)
+    reward = rewards.resolve(setup.reward, task.rewards)
     check_reward(task, reward)
-    horizon = whole("horizon", resolve_horizon(horizon, time_limit, task.episode_steps))
-    front_actuator = actuators.resolve("front_actuator", front_actuator)
-    rear_actuator = actuators.resolve("rear_actuator", rear_actuator)
-    control_timestep = in_range("control_timestep", control_timestep, "timestep")
-    physics_timestep = in_range("physics_timestep", physics_timestep, "timestep")
-    ranges = randomised.resolve(randomise)
+    horizon = whole("horizon", resolve_horizon(setup.horizon, time_limit, task.episode_steps))
+    front_actuator = actuators.resolve("front_actuator", setup.front_actuator)
+    rear_actuator = actuators.resolve("rear_actuator", setup.rear_actuator)
+    control_timestep = in_range("control_timestep", setup.control_timestep, "timestep")
+    physics_timestep = in_range("physics_timestep", setup.physics_timestep, "timestep")
+    ranges = randomised.resolve(setup.randomise)
     cars = randomised.extremes(ranges, vehicle)
     fastest = max(fastest_rate(car, speed) for car in cars)
     lags = [1.0 / time for time in randomised.least_time_constants(ranges, front_actuator, rear_actuator)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from bicycle_env.analysis.linear_model import LinearModel
 from bicycle_env.analysis.stability import Stability
 from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure, resolve_speed
+from bicycle_env.envs.setup import Setup
 from bicycle_env.envs.told import Told, frozen, tell
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.single_track import CarParameters, car_on_road
@@ -49,16 +50,15 @@ def alike(one: Configuration) -> Fleet:
     return Fleet(one, False, one.vehicle, one.speed, one.friction, one.car, one.settings, one.observation_scale)
 
 
-def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> Fleet:
-    """Check the keywords of ``configure``, those in ``PER_CAR`` for every car.
+def configure_fleet(task: Task, num_envs: int, setup: Setup, time_limit: int | None = None) -> Fleet:
+    """Check a setup as ``configure`` does, the keywords in ``PER_CAR`` for every car.
 
     Raises:
         ValueError, TypeError: a bad keyword, named with its value and what is allowed, and the car that has it.
     """
-    given = {name: value for name, value in keywords.items() if name in PER_CAR}
-    shared = {name: value for name, value in keywords.items() if name not in PER_CAR}
+    given = {name: getattr(setup, name) for name in PER_CAR}
     if not any(is_sequence(value) for value in given.values()):
-        return alike(configure(task, **keywords))
+        return alike(configure(task, setup, time_limit))
 
     vehicles = _vehicles(given["vehicle"], num_envs)
     columns = {name: number_column(name, given[name], num_envs) for name in NUMBERS if is_sequence(given[name])}
@@ -66,7 +66,7 @@ def configure_fleet(task: Task, num_envs: int, keywords: Mapping[str, Any]) -> F
     def configuration_of(row: int) -> Configuration:
         numbers = {name: columns[name][row] if name in columns else given[name] for name in NUMBERS}
         try:
-            return configure(task, vehicle=vehicles[row], **numbers, **shared)
+            return configure(task, dataclasses.replace(setup, vehicle=vehicles[row], **numbers), time_limit)
         except (TypeError, ValueError) as error:
             raise type(error)(f"car {row}: {error}") from None
 

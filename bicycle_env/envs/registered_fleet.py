@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
-from bicycle_env.envs.configuration import configure
 from bicycle_env.envs.fleet import Fleet, configure_fleet
-from bicycle_env.envs.single.single_track_env import SingleTrackEnv, keyword_names, make_task
+from bicycle_env.envs.setup import taken_from
+from bicycle_env.envs.single.single_track_env import ONE_CAR, SingleTrackEnv, keyword_names, make_task
 from bicycle_env.physics.validation import known_keys
-
-ONE_CAR = ("telemetry", "render_mode")
-"""Keywords of the single environment that are no part of a car."""
 
 
 def registered_spec(env_id: object) -> Any:
@@ -61,10 +57,5 @@ def fleet_of(
     given = dict(keywords)
     allowed = [name for name in keyword_names(env_class) if name not in ONE_CAR]
     known_keys("keyword", given, allowed, TypeError)
-    defaults = inspect.signature(env_class.__init__).parameters
-    shared = {
-        name: given.pop(name, defaults[name].default)
-        for name in inspect.signature(configure).parameters
-        if name not in ("task", "time_limit")
-    }
-    return configure_fleet(make_task(env_class, given), num_envs, {**shared, "time_limit": time_limit})
+    setup = taken_from(given)
+    return configure_fleet(make_task(env_class, given), num_envs, setup, time_limit)

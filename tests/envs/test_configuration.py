@@ -7,6 +7,7 @@ import pytest
 
 from bicycle_env import Actuator, Vehicle, tires
 from bicycle_env.envs.configuration import configure
+from bicycle_env.envs.setup import Setup
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.validation import RANGES
 from bicycle_env.physics.vehicle import QUANTITIES
@@ -86,7 +87,7 @@ def test_whatever_is_within_the_ranges_drives_with_finite_numbers():
     for _ in range(500):
         keywords = any_configuration(rng)
         try:
-            configuration = configure(Stabilise(), **keywords)
+            configuration = configure(Stabilise(), Setup(**keywords))
         except ValueError as error:
             assert "timestep must be" in str(error)  # noqa: PT017
             continue
@@ -126,7 +127,7 @@ USUAL = {
 )
 def test_legal_looking_extremes_are_refused(name, value):
     with pytest.raises(ValueError, match=f"{name} must be a finite number in"):
-        configure(Stabilise(), **{**USUAL, name: value})
+        configure(Stabilise(), Setup(**{**USUAL, name: value}))
 
 
 def test_a_car_that_grows_out_of_all_numbers_within_one_step_is_refused():
@@ -140,4 +141,4 @@ def test_a_car_that_grows_out_of_all_numbers_within_one_step_is_refused():
         rear_cornering_stiffness=1e5,
     )
     with pytest.raises(ValueError, match=r"control_timestep must be <= .* s here, got 10: without steering, a dev"):
-        configure(Stabilise(), **{**USUAL, "vehicle": wild, "physics_timestep": 0.001, "control_timestep": 10.0})
+        configure(Stabilise(), Setup(**{**USUAL, "vehicle": wild, "physics_timestep": 0.001, "control_timestep": 10.0}))

@@ -1,6 +1,5 @@
 """Keywords given once per car: the fleet's numbers are those of each car made by itself."""
 
-import inspect
 import math
 
 import numpy as np
@@ -9,21 +8,16 @@ import pytest
 from bicycle_env import Vehicle, vehicles
 from bicycle_env.envs.configuration import configure
 from bicycle_env.envs.fleet import ConfiguredFleet, configure_fleet
-from bicycle_env.envs.single.single_track_env import SingleTrackEnv
+from bicycle_env.envs.setup import Setup
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.tasks.lane_change import LaneChange
 from bicycle_env.tasks.stabilise import Stabilise
 
 TASKS = [Stabilise, LaneChange]
-DEFAULTS = {
-    name: parameter.default
-    for name, parameter in inspect.signature(SingleTrackEnv.__init__).parameters.items()
-    if name in inspect.signature(configure).parameters
-}
 
 
 def fleet_of(num_envs=4, task=Stabilise, **keywords):
-    return configure_fleet(task(), num_envs, {**DEFAULTS, **keywords})
+    return configure_fleet(task(), num_envs, Setup(**keywords))
 
 
 def assert_each_is(fleet, alone):
@@ -62,7 +56,7 @@ def test_each_car_is_the_one_made_by_itself(task, varied):
             name: value[row] if isinstance(value, (list, tuple, np.ndarray)) else value
             for name, value in varied.items()
         }
-        alone.append(configure(task(), **{**DEFAULTS, **own}))
+        alone.append(configure(task(), Setup(**own)))
     assert fleet.varied
     assert_each_is(fleet, alone)
 
@@ -70,7 +64,7 @@ def test_each_car_is_the_one_made_by_itself(task, varied):
 @pytest.mark.parametrize("task", TASKS)
 def test_without_sequences_all_is_the_single_configuration(task):
     fleet = fleet_of(task=task, friction=0.7)
-    one = configure(task(), **{**DEFAULTS, "friction": 0.7})
+    one = configure(task(), Setup(friction=0.7))
     assert not fleet.varied
     assert fleet.car == one.car
     assert fleet.settings == one.settings

@@ -19,20 +19,19 @@ from bicycle_env.envs.fleet import alike
 from bicycle_env.envs.many.block_kernels import BAD_ACTION
 from bicycle_env.envs.many.blocks import KEPT, Kind, shared_layout
 from bicycle_env.envs.many.rows import Rows
+from bicycle_env.envs.setup import NAMES, shown_in, taken_from
 from bicycle_env.envs.single import kernels
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
 from bicycle_env.envs.told import read_only, tell
-from bicycle_env.physics import tires
-from bicycle_env.physics.actuators import FRONT, REAR, Actuator
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, flag, known_keys
-from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.episode import Rules
-from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task, checked_state
 
 RENDER_MODES = ("human", "rgb_array")
+ONE_CAR = ("telemetry", "render_mode")
+"""Keywords of the single environment that are no part of a car."""
 FLOAT32 = np.dtype(np.float32)
 ONE = np.ones(1, dtype=np.bool_)
 STEPS, SETTLED = (len(CarState._fields) + KEPT.index(name) for name in ("steps", "settled_steps"))
@@ -63,57 +62,13 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     default_task: ClassVar[Task]
     """The task without keywords of its own; these change its fields."""
 
-    def __init__(
-        self,
-        *,
-        vehicle: str | Vehicle | Mapping[str, Any] = "oversteer",
-        tire: str | tires.Tire | Mapping[str, Any] = "fiala",
-        speed: float | None = None,
-        speed_ratio: float | None = None,
-        steer: str = "both",
-        friction: float = 1.0,
-        geometry: str | None = None,
-        front_actuator: Actuator | Mapping[str, Any] = FRONT,
-        rear_actuator: Actuator | Mapping[str, Any] = REAR,
-        control_timestep: float = 0.02,
-        physics_timestep: float = 0.004,
-        reward: str | Reward | Mapping[str, Any] = "default",
-        horizon: int | None = None,
-        randomise: Mapping[str, Any] | None = None,
-        disturbances: Any = (),
-        driver: Any = None,
-        action_delay: int = 0,
-        observation_delay: int = 0,
-        sensors: Any = None,
-        telemetry: bool = False,
-        render_mode: str | None = None,
-        **task_keywords: Any,
-    ) -> None:
-        configuration = configure(
-            make_task(type(self), task_keywords),
-            vehicle=vehicle,
-            tire=tire,
-            speed=speed,
-            speed_ratio=speed_ratio,
-            steer=steer,
-            friction=friction,
-            geometry=geometry,
-            front_actuator=front_actuator,
-            rear_actuator=rear_actuator,
-            control_timestep=control_timestep,
-            physics_timestep=physics_timestep,
-            reward=reward,
-            horizon=horizon,
-            randomise=randomise,
-            disturbances=disturbances,
-            driver=driver,
-            action_delay=action_delay,
-            observation_delay=observation_delay,
-            sensors=sensors,
-        )
+    @shown_in
+    def __init__(self, *, telemetry: bool = False, render_mode: str | None = None, **task_keywords: Any) -> None:
+        setup = taken_from(task_keywords)
+        configuration = configure(make_task(type(self), task_keywords), setup)
         self._adopt(configuration)
         tell(self, telemetry=flag("telemetry", telemetry))
-        self._given_horizon = horizon
+        self._given_horizon = setup.horizon
         self._limit_asked = False
         self.render_mode = None if render_mode is None else choice("render_mode", render_mode, RENDER_MODES)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.control_timestep))}
@@ -341,7 +296,4 @@ def make_task(env_class: type[SingleTrackEnv], keywords: Mapping[str, Any]) -> T
 
 def keyword_names(env_class: type[SingleTrackEnv]) -> list[str]:
     """All keywords of an environment: its own, then its task's."""
-    own = [
-        name for name in inspect.signature(SingleTrackEnv.__init__).parameters if name not in ("self", "task_keywords")
-    ]
-    return own + list(inspect.signature(type(env_class.default_task)).parameters)
+    return [*NAMES, *ONE_CAR, *inspect.signature(type(env_class.default_task)).parameters]
