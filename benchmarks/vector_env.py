@@ -80,7 +80,7 @@ def kernel(tire: str, in_c: bool, num_envs: int = 4096) -> Callable[[], Round]:
         env.reset(seed=0)
         env.action_space.seed(0)
         step = build.kernel(tire) if in_c else env.unwrapped._kernels.step
-        rows, generators = env.unwrapped._rows, env.unwrapped._addresses
+        rows, generators = env.unwrapped._rows, env.unwrapped._generators.addresses
         start = rows.numbers.copy()
         results = (
             np.empty(env.observation_space.shape, np.float32),
