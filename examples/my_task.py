@@ -28,12 +28,12 @@ from bicycle_env.tasks.stabilise import Stabilise, StabiliseState
 class Gust(NamedTuple):
     """What an episode of this task has of its own."""
 
-    gust_place: Any  # m along the road
-    gust_force: Any  # N, to the left
+    wind_place: Any  # m along the road
+    wind_force: Any  # N, to the left
 
 
 # What env.unwrapped.state shows: the parent's fields, then these.
-State = NamedTuple("State", [*StabiliseState.__annotations__.items(), ("gust_place", float), ("gust_force", float)])
+State = NamedTuple("State", [*StabiliseState.__annotations__.items(), ("wind_place", float), ("wind_force", float)])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Gusty(Stabilise):
 
     name = "gusty"
     episode_steps = 200
-    TaskState, State, flipped = Gust, State, ("gust_force",)  # in the mirror image the wind comes from the other side
+    TaskState, State, flipped = Gust, State, ("wind_force",)  # in the mirror image the wind comes from the other side
     uniforms = 3
     ends = ("spun", "left_road", "too_far")
     rewards = {**Stabilise.rewards, "default": Bounded(lateral_weight=4.0, heading_weight=20.0, effort_weight=0.1)}  # noqa: RUF012
@@ -74,8 +74,8 @@ class Gusty(Stabilise):
 
         def conditions(state, episode, time, world):
             gust = episode.task_state
-            there = abs(state.longitudinal_position - gust.gust_place) < 10.0
-            force = xp.where(there, gust.gust_force, 0.0)
+            there = abs(state.longitudinal_position - gust.wind_place) < 10.0
+            force = xp.where(there, gust.wind_force, 0.0)
             return pushed(world.car, force, 0.5 * force)
 
         return conditions

@@ -48,6 +48,8 @@ class OtherCar:
 
 def designed_for(plant: Any, vehicle: Any = None, speed: float | None = None) -> Any:
     """The environment with another car or speed to design for; ValueError or TypeError for one that cannot be."""
+    if hasattr(plant, "num_envs"):
+        raise ValueError("vehicle and speed to design for need a single environment, got one of many cars")
     if getattr(plant, "spec", None) is None:
         raise ValueError("vehicle and speed to design for need an environment that gym.make has made")
     left = ("render_mode", "telemetry", "speed_ratio")

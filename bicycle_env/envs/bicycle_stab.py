@@ -114,9 +114,11 @@ class BicycleStabEnv(SingleTrackEnv):
     `randomise` knows friction, mass, yaw_inertia, front_cornering_stiffness, rear_cornering_stiffness,
     front_time_constant and rear_time_constant; they are drawn after the start, which stays the same for a seed. They
     and the disturbances act in the equations of motion, anew in each RK4 step; observations, scales, limits, `speed`,
-    `friction` and controllers are those of the nominal car. With a `driver` the action is the rear axle's
-    (`steer="rear"`) or also corrects what the driver does (`"both"`). All stand in `env.unwrapped.state`; what
-    `randomise` draws also stands in `info`.
+    `friction` and controllers are those of the nominal car. Friction acts where a tire saturates, so not on the linear
+    one. An option says the number itself, in SI units, also where the range is relative. With a `driver` the action
+    is the rear axle's (`steer="rear"`) or also corrects what the driver does (`"front"`, `"both"`); the driver is not
+    late when `action_delay` is. The preview of the road is neither noisy nor late, and rewards know the truth. All
+    stand in `env.unwrapped.state`; what `randomise` draws also stands in `info`.
 
     ## Version history
 

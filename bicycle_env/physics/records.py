@@ -64,8 +64,20 @@ def merged(xp: Any, record: Any, names: tuple[str, ...]) -> Any:
 
 @functools.cache
 def record_of(name: str, fields: tuple[str, ...]) -> Any:
-    """A named-tuple class with these fields; the same one for the same name and fields."""
-    return namedtuple(name, fields)
+    """A named-tuple class with these fields; the same one for the same name and fields. Its objects pickle."""
+    make: Any = namedtuple
+    record = make("Record", fields)
+    record.__name__ = record.__qualname__ = name
+
+    def reduced(self: Any) -> Any:
+        return _made, (name, fields, tuple(self))
+
+    record.__reduce__ = reduced
+    return record
+
+
+def _made(name: str, fields: tuple[str, ...], values: tuple[Any, ...]) -> Any:
+    return record_of(name, fields)(*values)
 
 
 def joined(xp: Any, record: Any, first: Any, second: Any) -> Any:

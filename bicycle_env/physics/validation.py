@@ -155,3 +155,13 @@ def explain_keywords(cls: Class) -> Class:
 
     cls.__init__ = explained  # type: ignore[misc]
     return cls
+
+
+def check_frozen(label: str, value: object) -> None:
+    """TypeError unless a value is a frozen dataclass: what compiled code is made of must not change."""
+    parameters = getattr(type(value), "__dataclass_params__", None)
+    if parameters is None or not parameters.frozen:
+        name = type(value).__name__
+        raise TypeError(
+            f"{label} {name} must be a frozen dataclass: write @dataclasses.dataclass(frozen=True) above it"
+        )

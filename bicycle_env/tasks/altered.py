@@ -61,6 +61,10 @@ class AlteredTask(Task):
         """``update(state, episode, action, world) -> Kept`` after a step, or None where they stay; see ``remember``."""
         return None
 
+    def refill(self, xp: Any) -> Law | None:
+        """``refill(state, episode, world) -> Kept`` where a start's state was given, or None where they stay."""
+        return None
+
     # The laws, all the other task's
 
     @property
@@ -153,6 +157,19 @@ class AlteredTask(Task):
             return join(own_law(state, episode, action, world), kept_law(state, episode, action, world))
 
         return remember
+
+    def refilled(self, xp: Any) -> Law | None:
+        inner, refill = self.task.refilled(xp), self.refill(xp)
+        if not self.kept or (inner is None and refill is None):
+            return inner
+        join = joined(xp, self.TaskState, self.task.TaskState, self.Kept)
+        own_of, kept_of = part(xp, self.task.TaskState), part(xp, self.Kept)
+
+        def refilled(state: CarState, episode: EpisodeState, world: World) -> Any:
+            own = own_of(episode.task_state) if inner is None else inner(state, episode, world)
+            return join(own, kept_of(episode.task_state) if refill is None else refill(state, episode, world))
+
+        return refilled
 
     def reference(self, xp: Any) -> Law:
         return self.task.reference(xp)

@@ -16,6 +16,7 @@ from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.presets import vehicles
 from bicycle_env.physics.single_track import CarParameters, CarState, car_on_road
+from bicycle_env.physics.validation import check_frozen
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
@@ -42,9 +43,8 @@ def check_reward(task: Task, reward: Reward) -> None:
 
 
 def _check_value(kind: str, value: Any) -> None:
-    name, parameters = type(value).__name__, getattr(type(value), "__dataclass_params__", None)
-    if parameters is None or not parameters.frozen:
-        raise TypeError(f"{kind} {name} must be a frozen dataclass: write @dataclasses.dataclass(frozen=True) above it")
+    name = type(value).__name__
+    check_frozen(kind, value)
     try:
         hash(value)
     except TypeError as error:
@@ -214,6 +214,8 @@ def _tried(label: str, law: Callable[..., Any], constants: bool = False) -> Call
             alone = [law(*_twice(arguments, car)) for car in (0, 1)]
         except Exception as error:
             raise ValueError(f"{label} fails on two cars at once ({_words(error)})") from error
+        if value is None:
+            raise ValueError(f"{label} gives None: is its `return` missing?")
         for name, both, first, second in zip(_names(value), _flat(value), *map(_flat, alone), strict=True):
             if constants and np.ndim(both) == 0 and np.isfinite(both):
                 continue

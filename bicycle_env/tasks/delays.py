@@ -92,6 +92,15 @@ class LateObservations(AlteredTask):
 
         return draw
 
+    def refill(self, xp: Any) -> Law:
+        observe, size = self.task.observe(xp), len(self._entries)
+        fill = composed(xp, self.Kept, [f"values[{j % size}]" for j in range(len(self.kept))], "values")
+
+        def refill(state: CarState, episode: EpisodeState, world: World) -> Any:
+            return fill(observe(state, episode, world))
+
+        return refill
+
     def update(self, xp: Any) -> Law:
         observe, command = xp.function(self.task.observe(xp)), xp.function(command_of(xp, self.task))
         remember = xp.function(self.task.remember(xp) or unchanged(xp, self.task.TaskState))

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from bicycle_env.physics.records import composed, field, record_of, replaced
 from bicycle_env.physics.single_track import CarParameters, CarState
-from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number
+from bicycle_env.physics.validation import check_frozen, choice, explain_keywords, from_fields, number
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.randomised import nominal
@@ -268,6 +268,8 @@ def resolve(disturbances: Any) -> tuple[Disturbance, ...]:
     Raises:
         ValueError, TypeError: an unknown name or field, with the nearest known one; a bad value.
     """
+    if disturbances is None:
+        return ()
     if isinstance(disturbances, (str, Mapping, Disturbance)) or not isinstance(disturbances, Iterable):
         raise TypeError(f"disturbances must be a tuple of disturbances, for example (Gust(),), got {disturbances!r}")
     found = []
@@ -278,5 +280,6 @@ def resolve(disturbances: Any) -> tuple[Disturbance, ...]:
             given = from_fields(label, LAWS[kind], {key: value for key, value in given.items() if key != "name"})
         if not isinstance(given, Disturbance):
             raise TypeError(f"{label} must be a Disturbance or a dict with a 'name', got {given!r}")
+        check_frozen(label, given)
         found.append(given)
     return tuple(found)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 from bicycle_env.physics.records import composed, record_of, replaced
 from bicycle_env.physics.single_track import CarState
-from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number
+from bicycle_env.physics.validation import check_frozen, choice, explain_keywords, from_fields, number
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.control_step import command_of
 from bicycle_env.tasks.disturbances import SIDES
@@ -249,6 +249,8 @@ def resolve(driver: Any) -> Driver | None:
     Raises:
         ValueError, TypeError: an unknown name or field, with the nearest known one; a bad value.
     """
+    if isinstance(driver, Driver):
+        check_frozen("driver", driver)
     if driver is None or isinstance(driver, Driver):
         return driver
     if isinstance(driver, str):

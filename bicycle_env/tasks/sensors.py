@@ -36,7 +36,11 @@ class Sensors:
     def __post_init__(self) -> None:
         for field in ("noise", "resolution"):
             given = getattr(self, field)
-            pairs = dict(given.items() if isinstance(given, Mapping) else given)
+            try:
+                pairs = dict(given.items() if isinstance(given, Mapping) else given)
+            except (TypeError, ValueError):
+                words = 'a mapping of the observation\'s entries to numbers, for example {"yaw_rate": 0.01}'
+                raise TypeError(f"{field} must be {words}, got {given!r}") from None
             checked = ((name, number(f"{field}[{name!r}]", pairs[name], 0.0, 1e6)) for name in sorted(pairs))
             object.__setattr__(self, field, tuple(checked))
 

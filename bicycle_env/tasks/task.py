@@ -148,6 +148,10 @@ class Task(abc.ABC):
         """
         return None
 
+    def refilled(self, xp: Any) -> Law | None:
+        """``refilled(state, episode, world) -> TaskState`` where a start's state was given; None: it is as drawn."""
+        return None
+
     def end(self, xp: Any) -> Law:
         """``end(state, reference, world) -> code``: 0 while running; what the others mean is in ``ends``."""
         return end_code(xp)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import pickle
 import types
 
 import gymnasium as gym
@@ -11,7 +12,7 @@ import torch
 from combinations import only_all
 from gymnasium.envs.registration import EnvSpec
 
-from bicycle_env import vehicles
+from bicycle_env import Sensors, vehicles
 from bicycle_env.backends.compiled import ENTRY_POINTS
 from bicycle_env.envs import TorchVectorEnv
 from bicycle_env.physics import actuators
@@ -434,3 +435,81 @@ def test_a_disturbance_and_a_driver_of_ones_own():
     )
     peaks = [task.conditions(NUMPY)(state, episode, time, world).rear_peak_force for time in (0.4, 0.6)]
     assert peaks == pytest.approx([car.rear_peak_force, 0.4 * car.rear_peak_force])
+
+
+# What a newcomer tripped over
+
+
+def test_a_start_that_is_given_is_what_is_observed_at_first():
+    """Late observations are of the given start, not of the drawn one: in every environment."""
+    given = {"state": {"yaw_rate": 0.2, "lateral_position": 1.0}}
+    single = make(observation_delay=2)
+    observation, _ = single.reset(seed=0, options=given)
+    now, _ = make().reset(seed=0, options=given)
+    np.testing.assert_array_equal(observation, now)
+    for _ in range(2):
+        np.testing.assert_array_equal(single.step(np.zeros(2, np.float32))[0], now)
+    for envs in (
+        gym.make_vec(STAB, 4, **QUICK, observation_delay=2),
+        TorchVectorEnv(STAB, 4, **QUICK, observation_delay=2),
+    ):
+        seen, _ = envs.reset(seed=0, options=given)
+        np.testing.assert_allclose(np.asarray(seen), np.tile(now, (4, 1)), rtol=1e-6)
+
+
+def test_a_snapshot_of_other_options_is_refused():
+    one, other = make(randomise={"friction": (0.4, 1.0)}), make(randomise={"mass": (1500.0, 1800.0)})
+    for env in (one, other):
+        env.reset(seed=0)
+    with pytest.raises(TypeError, match="same id and keywords: its state has friction, mass more or less"):
+        other.restore(one.snapshot())
+    one, other = (
+        gym.make_vec(STAB, 4, **QUICK, randomise=given).unwrapped
+        for given in ({"friction": (0.4, 1.0)}, {"mass": (1500.0, 1800.0)})
+    )
+    for env in (one, other):
+        env.reset(seed=0)
+    with pytest.raises(ValueError, match="equal environment"):
+        other.restore(one.snapshot())
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_environments_and_states_pickle(many):
+    env = gym.make_vec(STAB, CARS, **QUICK, **EVERYTHING, **LATE) if many else gym.make(STAB, **QUICK, **EVERYTHING)
+    env.reset(seed=0)
+    again = pickle.loads(pickle.dumps(env))
+    action = np.full(env.action_space.shape, 0.1, np.float32)
+    assert again.step(action)[0].tobytes() == env.step(action)[0].tobytes()
+    state = pickle.loads(pickle.dumps(env.unwrapped.state))
+    assert state._fields == env.unwrapped.state._fields
+    assert type(state) is type(env.unwrapped.state)
+
+
+@pytest.mark.parametrize(
+    ("make_it", "match"),
+    [
+        (lambda: Sensors(noise=0.1), "noise must be a mapping of the observation's entries to numbers"),
+        (lambda: make(disturbances=(Loose(),)), "must be a frozen dataclass"),
+        (
+            lambda: check(variant(conditions=lambda self, xp: lambda *_: None)),
+            "'conditions' gives None: is its `return`",
+        ),
+    ],
+)
+def test_a_newcomers_mistake_is_named(make_it, match):
+    with pytest.raises((TypeError, ValueError), match=match):
+        make_it()
+
+
+class Loose(Disturbance):
+    name = "loose"
+
+    def amounts(self):
+        return {}
+
+    def law(self, xp):
+        return lambda car, own, fixed, time: car
+
+
+def variant(**laws):
+    return dataclasses.dataclass(frozen=True)(type("Variant", (Stabilise,), laws))()

@@ -26,7 +26,7 @@ class Rows:
 
     def __init__(self, kind: Kind, fleet: Fleet, num_envs: int, step_limit: int | None) -> None:
         first, at, dtype = fleet.configuration, layout(kind), np.dtype(kind.dtype)
-        self._state = kind.task.State
+        self._task = kind.task
         self._num_envs = num_envs
         self.blocks = -(-num_envs // kind.length)
         self._names = {
@@ -92,8 +92,8 @@ class Rows:
 
     def state(self, control_timestep: float) -> Any:
         """The task's State, of arrays (num_envs,)."""
-        values = {name: self.column(name) for name in self._state._fields if name != "time"}
-        return self._state(**values, time=self.column("steps") * control_timestep)
+        values = {name: self.column(name) for name in self._task.State._fields if name != "time"}
+        return self._task.State(**values, time=self.column("steps") * control_timestep)
 
 
 def checked_mask(mask: Any, num_envs: int) -> NDArray[np.bool_]:

@@ -25,8 +25,10 @@ from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import remark
 from bicycle_env.envs.told import Told, read_only, tell
 from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, flag, known_keys, whole
 from bicycle_env.tasks.ends import INVALID_ACTION
+from bicycle_env.tasks.episode import EpisodeState, World
 
 BOOL, INT8 = np.dtype(np.bool_), np.dtype(np.int8)
 MODES = {mode.value: mode for mode in AutoresetMode}
@@ -40,6 +42,8 @@ class VectorSnapshot(NamedTuple):
 
     rows: NDArray[Any]
     generators: tuple[Any, ...]
+    names: tuple[str, ...] = ()
+    """Of the numbers of the task's state."""
 
 
 class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any]):
@@ -176,6 +180,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._kernels.start(self._numbers, mask, self._generators.addresses)
         if changes:
             self._rows.put(changes, mask)
+            self._refill(mask)
         if self.staggered_start and masked is None and self.max_episode_steps is not None:
             spread = np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
             self._rows.put({"steps": spread.astype(np.float64)}, mask)
@@ -265,7 +270,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         if not self._started:
             self._refuse_if_closed("snapshot()")
             raise gym.error.ResetNeeded("call reset() before snapshot()")
-        return VectorSnapshot(self._rows.episodes.copy(), self._generators.states())
+        return VectorSnapshot(self._rows.episodes.copy(), self._generators.states(), self.task.State._fields)
 
     def restore(self, snapshot: VectorSnapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observations there."""
@@ -288,8 +293,22 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     # Inner workings
 
+    def _refill(self, mask: NDArray[np.bool_]) -> None:
+        """What the task keeps of a start, in the rows of a mask, after their starts were changed by options."""
+        law = self.task.refilled(NUMPY)
+        if law is not None:
+            state, task, fleet = self.state, self.task, self.fleet
+            own = task.TaskState(*(getattr(state, name) for name in task.TaskState._fields))
+            zero = np.zeros(self.num_envs)
+            episode = EpisodeState(state.front_steer_command, state.rear_steer_command, zero, zero, own)
+            world = World(fleet.car, self.rules, fleet.settings)
+            filled = law(CarState(*(getattr(state, name) for name in CarState._fields)), episode, world)
+            self._rows.put(filled._asdict(), mask)
+
     def _fits(self, snapshot: VectorSnapshot) -> bool:
         mine, theirs = self._rows.episodes, snapshot.rows
+        if snapshot.names not in ((), self.task.State._fields):
+            return False
         return (mine.shape, mine.dtype, self.num_envs) == (theirs.shape, theirs.dtype, len(snapshot.generators))
 
     def _new_results(self) -> tuple[Any, Any, Any, Any]:

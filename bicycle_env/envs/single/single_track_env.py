@@ -24,9 +24,10 @@ from bicycle_env.envs.single import kernels
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
 from bicycle_env.envs.told import read_only, tell
+from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, flag, known_keys
-from bicycle_env.tasks.episode import Rules
+from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.task import Task, checked_state
 
 RENDER_MODES = ("human", "rgb_array")
@@ -50,6 +51,8 @@ class Snapshot(NamedTuple):
     episode: NDArray[np.float64]
     end: int
     generator: Any
+    names: tuple[str, ...] = ()
+    """Of the numbers of the task's state."""
 
 
 class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -123,6 +126,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
                 self._episode[:STEPS] = [state[name] for name in self.task.State._fields[:STEPS]]
             task_state = self.task.TaskState(*self._episode[TASK_STATE:])
             self._episode[TASK_STATE:] = self.task.task_state_with(task_state, changes, self.speed)
+            self._refill()
         observation, cost = self._look()
         self._end_code = 0
         self._warned = False
@@ -209,18 +213,35 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     def snapshot(self) -> Snapshot:
         """The whole state, random generator included; not the step count of a wrapper such as TimeLimit."""
-        return Snapshot(self._episode.copy(), self._end_code, self.np_random.bit_generator.state)
+        names = self.task.State._fields
+        return Snapshot(self._episode.copy(), self._end_code, self.np_random.bit_generator.state, names)
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observation there."""
-        if not isinstance(snapshot, Snapshot) or snapshot.episode.shape != self._episode.shape:
-            raise TypeError(f"snapshot must come from snapshot() of the same environment id, got {type(snapshot)!r}")
+        if not isinstance(snapshot, Snapshot):
+            raise TypeError(f"snapshot must come from snapshot(), got {type(snapshot)!r}")
+        if snapshot.episode.shape != self._episode.shape or snapshot.names not in ((), self.task.State._fields):
+            mine, theirs = self.task.State._fields, snapshot.names
+            raise TypeError(
+                "snapshot must come from snapshot() of an environment of the same id and keywords: its state has "
+                f"{', '.join(sorted(set(theirs) ^ set(mine))) or 'other numbers'} more or less"
+            )
         self._episode[:] = snapshot.episode
         self._end_code = snapshot.end
         self.np_random.bit_generator.state = snapshot.generator
         return self._look()[0]
 
     # Inner workings
+
+    def _refill(self) -> None:
+        """What the task keeps of a start, after the start was changed by options."""
+        law = self.task.refilled(PYTHON)
+        if law is not None:
+            values, configuration = self._episode.tolist(), self.configuration
+            own = self.task.TaskState(*values[TASK_STATE:])
+            episode = EpisodeState._make([*values[len(CarState._fields) : TASK_STATE - 1], own])
+            world = World(configuration.car, configuration.rules, configuration.settings)
+            self._episode[TASK_STATE:] = law(CarState(*values[: len(CarState._fields)]), episode, world)
 
     def _look(self) -> tuple[NDArray[np.float32], float]:
         """Observation and cost of the episode as it is."""

@@ -54,6 +54,8 @@ class TorchKernels(NamedTuple):
     """
     restart: Callable[[Tensor, Tensor, Episodes], Episodes]
     """``restart(rows, uniforms, episodes)``: random starts in the rows of a mask."""
+    refill: Callable[[Episodes], Episodes]
+    """What the task keeps of a start, after the starts were changed by options."""
     look: Callable[[Episodes], tuple[Tensor, Tensor]]
     """``look(episodes) -> (observation, cost)``: float32 (num_envs, entries), and (num_envs,)."""
     measure: Callable[[Episodes], dict[str, Tensor]]
@@ -107,6 +109,13 @@ def torch_kernels(
         episode = EpisodeState(zero, zero, zero, zero, mapped(lambda value: value.expand(num_envs), task_state))
         running = zero.to(torch.int8)
         return Episodes(state, episode, running, running != RUNNING)
+
+    def refill(episodes: Episodes) -> Episodes:
+        law, episode = task.refilled(xp), episodes.episode
+        if law is None:
+            return episodes
+        own = mapped(lambda value: value.expand(num_envs), law(episodes.state, episode, world))
+        return episodes._replace(episode=episode._replace(task_state=own))
 
     def restart(rows: Tensor, uniforms: Tensor, episodes: Episodes) -> Episodes:
         restarted: Episodes = chosen(rows, start(uniforms), episodes)
@@ -169,7 +178,7 @@ def torch_kernels(
             elapsed = elapsed + physics_timestep if changing else elapsed
         return conclude(before, state, finite, pair, command, number)
 
-    return TorchKernels(start, step, restart, look, measure, car)
+    return TorchKernels(start, step, restart, refill, look, measure, car)
 
 
 def _compiled(torch: Any, law: Any) -> Any:

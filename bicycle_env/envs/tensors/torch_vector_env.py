@@ -189,6 +189,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             self._np_random, self._np_random_seed = seeding.np_random(seed)
             self._generator.manual_seed(shortened(seed))
         fresh = self._with_task_state(self._with_state(self._kernels.start(self._uniforms()), values), changes)
+        fresh = self._kernels.refill(fresh) if given else fresh
         if self.staggered_start and self._episodes is None and self.max_episode_steps is not None:
             steps = self._torch.arange(self.num_envs, device=self.device) * self.max_episode_steps // self.num_envs
             fresh = fresh._replace(episode=fresh.episode._replace(steps=steps.to(self.dtype)))
