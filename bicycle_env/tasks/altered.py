@@ -6,6 +6,7 @@ environments know nothing of it. What it has to keep of an episode stands behind
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 from collections.abc import Mapping
 from typing import Any
@@ -19,7 +20,7 @@ from bicycle_env.tasks.task import Allowed, Entry, Law, Task
 
 @dataclasses.dataclass(frozen=True)
 class AlteredTask(Task):
-    """Another task, unchanged: the base of those that change something."""
+    """Base of the tasks that change something of another task."""
 
     task: Task
 
@@ -50,12 +51,12 @@ class AlteredTask(Task):
         """How many more uniform numbers a start takes; they come after the other task's."""
         return 0
 
+    @abc.abstractmethod
     def draw(self, xp: Any) -> Law:
         """``draw(uniforms, state, own, world) -> Kept`` at the start; ``own``: the other task's state.
 
         Its uniform numbers are those from ``self.task.uniforms`` on.
         """
-        raise NotImplementedError
 
     def update(self, xp: Any) -> Law | None:
         """``update(state, episode, action, world) -> Kept`` after a step, or None where they stay; see ``remember``."""
