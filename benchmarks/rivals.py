@@ -8,8 +8,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.tasks.control_step import transition
 from bicycle_env.tasks.episode import EpisodeState, World
 
@@ -20,7 +20,7 @@ def numpy_step(env_id: str, num_envs: int, tire: str) -> Callable[[], Callable[[
     def prepare() -> Callable[[int], int]:
         env: Any = gym.make(env_id, tire=tire).unwrapped
         made, task = env.configuration, env.task
-        step = transition(NUMPY, task, made.tire, made.geometry, made.reward)
+        step = transition(NUMPY, task, made.model, made.reward)
         observe, start = task.observe(NUMPY), task.start(NUMPY)
         world = World(CarParameters(*(np.float64(value) for value in made.car)), made.rules, made.settings)
         rng = np.random.default_rng(0)

@@ -14,11 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from bicycle_env.backends import announcements, compiled
 from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.integrators import check_timestep, rk4
 from bicycle_env.physics.linear_single_track import fastest_rate
+from bicycle_env.physics.model import Model
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.single_track import CarParameters, CarState, axles, car_on_road, resolve_geometry, single_track
+from bicycle_env.physics.relaxed_single_track import RelaxedSingleTrack
+from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.physics.validation import checked_speed, in_range, known_keys, number, positive
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -35,6 +38,7 @@ def simulate(
     geometry: str | None = None,
     initial_state: Mapping[str, float] | None = None,
     timestep: float = 1e-3,
+    relaxation_length: float | None = None,
 ) -> dict[str, NDArray[np.float64]]:
     """Integrate the single-track equations (6.18)-(6.21) with prescribed road-wheel angles; no actuator.
 
@@ -50,24 +54,26 @@ def simulate(
         initial_state: any of longitudinal_position, lateral_position, heading, lateral_velocity, yaw_rate; the
             others are 0.
         timestep: s; shortened a little if it does not divide the duration.
+        relaxation_length: of the tires, m: their forces lag. Before the start the wheels were straight, in a steady
+            motion. None: tires that answer at once.
 
     Returns:
         A mapping of arrays (steps + 1,), both ends included: time, the state by its names (longitudinal_position,
         lateral_position, heading, lateral_velocity, yaw_rate, front_steer, rear_steer), and front_slip_angle,
         rear_slip_angle, front_lateral_force, rear_lateral_force, lateral_acceleration (V' + U r), yaw_acceleration,
-        sideslip (V / U).
+        sideslip (V / U); with a relaxation length front_transient_slip_angle, rear_transient_slip_angle, too.
 
     Raises:
         ValueError, TypeError: a bad value, named with its allowed range; a timestep too long for RK4.
     """
     vehicle = resolve_vehicle(vehicle)
-    tire = tires.resolve(tire)
+    model: Model = (SingleTrack if relaxation_length is None else RelaxedSingleTrack).of(tire, geometry)
     speed = checked_speed(speed)
     duration = positive("duration", duration)
     timestep = in_range("timestep", timestep)
     friction = in_range("friction", friction)
-    geometry = resolve_geometry(geometry, tire)
-    check_timestep("timestep", timestep, fastest_rate(vehicle, speed))
+    length = None if relaxation_length is None else in_range("relaxation_length", relaxation_length)
+    check_timestep("timestep", timestep, fastest_rate(vehicle, speed, length))
     steps = max(1, int(np.ceil(duration / timestep - 1e-9)))
     time = np.linspace(0.0, duration, steps + 1)
     inputs = _steer_inputs(steer, time)
@@ -79,13 +85,15 @@ def simulate(
         for name, value in initial_state.items():
             start[CarState._fields.index(name)] = number(f"initial_state[{name!r}]", value)
 
-    car = car_on_road(vehicle, speed, friction, FRONT, REAR)
-    states = np.empty((len(CarState._fields), steps + 1))
-    _integrator(tire, geometry)(start, np.array(car), inputs, duration / steps, states)
+    car = car_on_road(vehicle, speed, friction, FRONT, REAR, length or 0.0)
+    start = np.array(model.complete(NUMPY)(CarState(*start), car))
+    states = np.empty((len(model.State._fields), steps + 1))
+    _integrator(model)(start, np.array(car), inputs, duration / steps, states)
 
-    states[-2:, :-1], states[-2:, -1] = inputs[:, 0].T, inputs[-1, 2]  # what acts from each time on
-    history = CarState(*states)
-    acting = axles(NUMPY, tire, geometry)(history, CarParameters(*(np.float64(value) for value in car)))
+    steers = slice(CarState._fields.index("front_steer"), len(CarState._fields))
+    states[steers, :-1], states[steers, -1] = inputs[:, 0].T, inputs[-1, 2]  # what acts from each time on
+    history = model.State(*states)
+    acting = model.axles(NUMPY)(history, CarParameters(*(np.float64(value) for value in car)))
     return {
         "time": time,
         **{name: values.copy() for name, values in history._asdict().items()},
@@ -131,14 +139,15 @@ def _pair(value: Any, time: float) -> NDArray[np.float64]:
 
 
 @functools.cache
-def _integrator(tire: tires.Tire, geometry: str) -> Callable[..., None]:
+def _integrator(model: Model) -> Callable[..., None]:
     """The compiled loop over all steps."""
-    advance = compiled.inlined(rk4(compiled.NUMBA, single_track(compiled.NUMBA, tire, geometry)))
-    fields, numbers = len(CarState._fields), len(CarParameters._fields)
+    advance = compiled.inlined(rk4(compiled.NUMBA, model.State, model.rates(compiled.NUMBA)))
+    State = model.State
+    fields, numbers = len(State._fields), len(CarParameters._fields)
 
     def integrate(start: Any, car_numbers: Any, inputs: Any, timestep: Any, states: Any) -> None:
         car = CarParameters(*to_fixed_tuple(car_numbers, numbers))
-        state = CarState(*to_fixed_tuple(start, fields))
+        state = State(*to_fixed_tuple(start, fields))
         for k in range(len(inputs)):
             for j in range(fields):
                 states[j, k] = state[j]
@@ -150,7 +159,7 @@ def _integrator(tire: tires.Tire, geometry: str) -> Callable[..., None]:
             states[j, len(inputs)] = state[j]
 
     row = numba.float64[::1]
-    with announcements.progress(f"simulate for the {type(tire).__name__} tire, {geometry} geometry"):
+    with announcements.progress(f"simulate for {model}"):
         return compiled.entry_point(
             integrate, numba.void(row, row, numba.float64[:, :, ::1], numba.float64, numba.float64[:, ::1])
         )

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import bicycle_env
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.records import replaced
-from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.tasks.ends import end_code
 from bicycle_env.tasks.episode import Reference
 from bicycle_env.tasks.metrics import SHARED, Metric

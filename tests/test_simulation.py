@@ -7,8 +7,10 @@ import pytest
 
 from bicycle_env import Vehicle, simulate, tires, vehicles
 from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.car import CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.single_track import GEOMETRIES, CarState, axles, car_on_road
+from bicycle_env.physics.lateral import GEOMETRIES
+from bicycle_env.physics.single_track import SingleTrack
 
 GOOD = {"vehicle": "oversteer", "speed": 30.0, "steer": (0.02, -0.01), "duration": 0.5}
 STATES = CarState._fields
@@ -123,7 +125,7 @@ def test_derived_histories_belong_to_the_states(tire, geometry):
     run = simulate(**GOOD, tire=tire, geometry=geometry, friction=0.8)
     vehicle = vehicles["oversteer"]
     car = car_on_road(vehicle, 30.0, 0.8, FRONT, REAR)
-    acting = axles(NUMPY, tires.resolve(tire), geometry)(
+    acting = SingleTrack.of(tire, geometry).axles(NUMPY)(
         CarState(*(run[name] for name in STATES)), type(car)(*map(np.float64, car))
     )
     for name, values in acting._asdict().items():

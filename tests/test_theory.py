@@ -30,6 +30,7 @@ DERIVED = {
     "zeros",
     "non-minimum phase",
     "exact geometry",
+    "relaxation length",
     "tanh law",
     "Fiala law",
     "Magic Formula",

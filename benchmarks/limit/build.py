@@ -15,7 +15,7 @@ import numpy as np
 
 from bicycle_env.envs.many import blocks
 from bicycle_env.envs.registered_fleet import registered_fleet
-from bicycle_env.physics.single_track import CarParameters, CarState
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.tasks.episode import Rules
 from bicycle_env.tasks.stabilise import Stabilise
 

@@ -14,8 +14,8 @@ import gymnasium as gym
 import numpy as np
 
 import bicycle_env  # noqa: F401  (registers the environments)
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import namespace
-from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.tasks.control_step import transition
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
 
@@ -120,7 +120,7 @@ def operations(tire: str) -> dict[str, int]:
     xp: Any = namespace("counted", lambda condition, then, otherwise: then if condition else otherwise, _floor)
     env: Any = gym.make("BicycleStab-v0", tire=tire).unwrapped
     made = env.configuration
-    step = transition(xp, made.task, made.tire, made.geometry, made.reward)
+    step = transition(xp, made.task, made.model, made.reward)
     world = World(CarParameters(*map(float, made.car)), Rules(*map(float, made.rules)), made.settings)
     state = CarState(*(Counted(value) for value in (0.0, 0.1, 0.05, 1.0, 0.2, 0.01, 0.01)))
     zero = [Counted(0.0) for _ in range(4)]

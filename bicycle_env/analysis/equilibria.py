@@ -27,7 +27,7 @@ from bicycle_env.analysis.nonlinear_model import NonlinearModel, checked_steer
 from bicycle_env.analysis.stability import stability_criterion
 from bicycle_env.physics.dual_numbers import Dual, dual_namespace
 from bicycle_env.physics.elementary import NUMPY, PYTHON
-from bicycle_env.physics.single_track import one, unchanged
+from bicycle_env.physics.lateral import one, unchanged
 from bicycle_env.physics.tires import Linear, Tire
 from bicycle_env.physics.validation import positive
 from bicycle_env.physics.vehicle import Vehicle
@@ -115,7 +115,7 @@ def checked_model(
 ) -> NonlinearModel:
     """The model; ValueError for a linear car at its critical speed, where its matrix is singular."""
     model = NonlinearModel(vehicle, speed, tire, friction, geometry)
-    if isinstance(model.tire, Linear) and model.geometry == "small_angle":
+    if isinstance(model.single_track.tire, Linear) and model.single_track.geometry == "small_angle":
         car = model.car
         wheelbase = car.cg_to_front + car.cg_to_rear
         stabilising = wheelbase**2 * car.front_cornering_stiffness * car.rear_cornering_stiffness / car.speed**2
@@ -169,7 +169,7 @@ class RearBalance:
     def state(self, rear_slip: Any, rear_steer: Any, *, xp: Any = NUMPY) -> tuple[Any, Any]:
         """(V, r) on the curve, m/s and rad/s; it does not depend on the front steer angle."""
         car = self.model.car
-        exact = self.model.geometry == "exact"
+        exact = self.model.single_track.geometry == "exact"
         cosine, tangent = (xp.near_cos, xp.tan) if exact else (one, unchanged)
         force = self.model.law(xp)(rear_slip, car.rear_cornering_stiffness, car.rear_peak_force) * cosine(rear_steer)
         wheelbase = car.cg_to_front + car.cg_to_rear
@@ -224,7 +224,7 @@ def turns_at(balance: RearBalance, steer: tuple[float, float], sideslip_limit: f
 def _nodes(balance: RearBalance, steer: tuple[float, float], sideslip_limit: float) -> Array:
     """Rear slip angles, ascending, between which neither slip angle changes by more than the resolution."""
     model = balance.model
-    tangent, angle = (np.tan, np.arctan) if model.geometry == "exact" else (unchanged, unchanged)
+    tangent, angle = (np.tan, np.arctan) if model.single_track.geometry == "exact" else (unchanged, unchanged)
     a, b = model.vehicle.cg_to_front, model.vehicle.cg_to_rear
     # From |V|/U <= limit and forces that oppose the slip: a |r|/U <= limit + tan |df|, and the rear angle follows.
     widest = angle(sideslip_limit + b / a * (sideslip_limit + tangent(abs(steer[0]))))

@@ -204,7 +204,7 @@ def steer_for_turn(
         models = [NonlinearModel(vehicle, u, tire, friction, geometry) for u in np.where(speeds == 0.0, 1.0, speeds)]
     if not models:
         return wanted.copy()
-    axles = _axles(models[0].vehicle, models[0].tire, models[0].friction)
+    axles = _axles(models[0].vehicle, models[0].single_track.tire, models[0].friction)
     angles = [
         _front_steer(model, axles, float(ay), rear_steer, radius) for model, ay in zip(models, wanted.flat, strict=True)
     ]
@@ -214,7 +214,7 @@ def steer_for_turn(
 def _front_steer(
     model: NonlinearModel, axles: tuple[AxleCurve, AxleCurve], ay: float, rear_steer: float, radius: float | None
 ) -> float:
-    exact, car = model.geometry == "exact", model.car
+    exact, car = model.single_track.geometry == "exact", model.car
     wheelbase = model.vehicle.wheelbase
     if ay == 0.0:
         slope = (math.tan(rear_steer) if exact else rear_steer) + (0.0 if radius is None else wheelbase / radius)

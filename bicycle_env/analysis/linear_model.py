@@ -8,21 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.physics.actuators import Actuator
-from bicycle_env.physics.linear_single_track import input_matrix, state_matrix
+from bicycle_env.physics.linear_single_track import input_matrix, relaxed_matrices, state_matrix
 from bicycle_env.physics.vehicle import Vehicle
 
 STATE_NAMES = ("lateral_position", "heading", "lateral_velocity", "yaw_rate", "front_steer", "rear_steer")
+RELAXED_NAMES = (*STATE_NAMES, "front_transient_slip_angle", "rear_transient_slip_angle")
 
 
 class LinearModel(NamedTuple):
-    """x_{k+1} = A x_k + B u_k with stage cost x'Qx + u'Ru; u is the ACTION, in [-1, 1]."""
+    """x_{k+1} = A x_k + B u_k with stage cost x'Qx + u'Ru; u is the ACTION, in [-1, 1].
+
+    n = 6 states, or 8 on tires that relax.
+    """
 
     A: NDArray[np.float64]
-    """(6, 6)."""
+    """(n, n)."""
     B: NDArray[np.float64]
-    """(6, number of steered axles)."""
+    """(n, number of steered axles)."""
     Q: NDArray[np.float64]
-    """(6, 6), diagonal."""
+    """(n, n), diagonal."""
     R: NDArray[np.float64]
     """(steered axles, steered axles), diagonal."""
     timestep: float
@@ -34,17 +38,24 @@ class LinearModel(NamedTuple):
 
 
 def continuous_model(
-    vehicle: Vehicle, speed: float, actuators: tuple[Actuator, Actuator]
+    vehicle: Vehicle,
+    speed: float,
+    actuators: tuple[Actuator, Actuator],
+    relaxation_length: float | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """A (6, 6) and B (6, 2) of x' = A x + B u for the states ``STATE_NAMES``; u: commanded angles (front, rear), rad.
 
-    Lateral position by y' = V + U psi, steer angles by their first-order lags; no limits.
+    Lateral position by y' = V + U psi, steer angles by their first-order lags; no limits. With a relaxation length [m]
+    (8, 8) and (8, 2) for ``RELAXED_NAMES``.
     """
-    a = np.zeros((6, 6))
-    b = np.zeros((6, 2))
+    size = len(STATE_NAMES if relaxation_length is None else RELAXED_NAMES)
+    a, b = np.zeros((size, size)), np.zeros((size, 2))
     a[0, 1], a[0, 2], a[1, 3] = speed, 1.0, 1.0
-    a[2:4, 2:4] = state_matrix(vehicle, speed)
-    a[2:4, 4:6] = input_matrix(vehicle)
+    if relaxation_length is None:
+        a[2:4, 2:4], a[2:4, 4:6] = state_matrix(vehicle, speed), input_matrix(vehicle)
+    else:
+        body = [2, 3, 6, 7]
+        a[np.ix_(body, body)], a[np.ix_(body, [4, 5])] = relaxed_matrices(vehicle, speed, relaxation_length)
     for k, actuator in enumerate(actuators):
         a[4 + k, 4 + k] = -1.0 / actuator.time_constant
         b[4 + k, k] = 1.0 / actuator.time_constant

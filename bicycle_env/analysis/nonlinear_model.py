@@ -3,7 +3,7 @@
     U  speed             V  lateral_velocity     r  yaw_rate       m  mass      Iz  yaw_inertia
     a  cg_to_front       b  cg_to_rear           df, dr  steer angles
 
-The equations are those of :mod:`bicycle_env.physics.single_track`, here on numpy arrays and on dual numbers.
+The equations are those of :mod:`bicycle_env.physics.lateral`, here on numpy arrays and on dual numbers.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.car import car_on_road
 from bicycle_env.physics.dual_numbers import Dual, dual_namespace
 from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.lateral import body_rates, steady_axles
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.single_track import CarState, axles, car_on_road, resolve_geometry, single_track
-from bicycle_env.physics.tires import Law, Tire, resolve
+from bicycle_env.physics.single_track import SingleTrack
+from bicycle_env.physics.tires import Law, Tire
 from bicycle_env.physics.validation import checked_speed, in_range, number
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -50,9 +52,8 @@ class NonlinearModel:
     ) -> None:
         self.vehicle = resolve_vehicle(vehicle)
         self.speed = checked_speed(speed)
-        self.tire = resolve(tire)
         self.friction = in_range("friction", friction)
-        self.geometry = resolve_geometry(geometry, self.tire)
+        self.single_track = SingleTrack.of(tire, geometry)
         self.car = car_on_road(self.vehicle, self.speed, self.friction, FRONT, REAR)
         self.front_slip_scale = self.car.front_peak_force / self.car.front_cornering_stiffness
         """mu Fzf / Cf, rad: the slip angle on which the front axle's law bends."""
@@ -62,21 +63,21 @@ class NonlinearModel:
         self, lateral_velocity: Any, yaw_rate: Any, front_steer: Any, rear_steer: Any, *, xp: Any = NUMPY
     ) -> tuple[Any, Any]:
         """(V', r'), (6.18) and (6.19): m/s^2 and rad/s^2."""
-        state = CarState(0.0, 0.0, 0.0, lateral_velocity, yaw_rate, front_steer, rear_steer)
-        rate = _equations(xp, self.tire, self.geometry).rates(state, (front_steer, rear_steer), self.car)
-        return rate.lateral_velocity, rate.yaw_rate
+        laws = _equations(xp, self.single_track)
+        acting = laws.axles(lateral_velocity, yaw_rate, front_steer, rear_steer, self.car)
+        rates: tuple[Any, Any] = laws.body(acting, yaw_rate, self.car)
+        return rates
 
     def slip_angles(
         self, lateral_velocity: Any, yaw_rate: Any, front_steer: Any, rear_steer: Any, *, xp: Any = NUMPY
     ) -> tuple[Any, Any]:
         """(front, rear), (6.20), rad."""
-        state = CarState(0.0, 0.0, 0.0, lateral_velocity, yaw_rate, front_steer, rear_steer)
-        acting = _equations(xp, self.tire, self.geometry).axles(state, self.car)
+        acting = _equations(xp, self.single_track).axles(lateral_velocity, yaw_rate, front_steer, rear_steer, self.car)
         return acting.front_slip_angle, acting.rear_slip_angle
 
     def law(self, xp: Any) -> Law:
         """The tire law (slip_angle, cornering_stiffness, peak_force) -> lateral force."""
-        return _equations(xp, self.tire, self.geometry).law
+        return _equations(xp, self.single_track).law
 
     def stiffness_left(self, front_slip: Any, rear_slip: Any, *, xp: Any = NUMPY) -> tuple[Any, Any]:
         """(front, rear): slope of the force at a slip angle over the slope at zero: 1, 0 when sliding, < 0 beyond."""
@@ -99,14 +100,14 @@ class NonlinearModel:
 
 
 class _Equations(NamedTuple):
-    rates: Callable[..., Any]
     axles: Callable[..., Any]
+    body: Callable[..., Any]
     law: Law
 
 
 @functools.cache
-def _equations(xp: Any, tire: Tire, geometry: str) -> _Equations:
-    return _Equations(single_track(xp, tire, geometry), axles(xp, tire, geometry), tire.law(xp))
+def _equations(xp: Any, model: SingleTrack) -> _Equations:
+    return _Equations(steady_axles(xp, model.tire, model.geometry), body_rates(xp), model.tire.law(xp))
 
 
 def checked_steer(steer: ArrayLike) -> tuple[float, float]:

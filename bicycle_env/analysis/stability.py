@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.physics import linear_single_track
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.validation import choice, positive
+from bicycle_env.physics.validation import checked_speed, choice, in_range, positive
 from bicycle_env.physics.vehicle import Vehicle
 
 COORDINATES = ("body", "inertial")
@@ -163,14 +163,22 @@ class Stability(NamedTuple):
     speed_ratio: float
     """speed / critical_speed; 0 if there is none."""
     eigenvalues: Any
-    """(2,) complex, 1/s."""
+    """(2,) complex, 1/s; (4,) on tires that relax."""
     time_to_double: float
     """s in which the fastest growing deviation doubles; infinite for a stable car."""
 
 
-def stability(vehicle: str | Vehicle, speed: float) -> Stability:
-    """Gather the open-loop figures. Raises as :func:`stability_criterion`."""
-    values = eigenvalues(vehicle, speed)
-    growth = 0.0 if is_stable(vehicle, speed) else float(np.max(values.real))
+def stability(vehicle: str | Vehicle, speed: float, relaxation_length: float | None = None) -> Stability:
+    """Gather the open-loop figures, on tires that relax over a length [m] if given. Raises as the ones above.
+
+    The critical speed does not depend on the relaxation: there a steady turn needs no steering.
+    """
+    if relaxation_length is None:
+        values, stable = eigenvalues(vehicle, speed), is_stable(vehicle, speed)
+    else:
+        checked = resolve_vehicle(vehicle), checked_speed(speed), in_range("relaxation_length", relaxation_length)
+        values = np.asarray(np.linalg.eigvals(linear_single_track.straight_running(*checked)), np.complex128)
+        stable = bool(np.max(values.real) < 0.0)
+    growth = 0.0 if stable else float(np.max(values.real))
     critical = critical_speed(vehicle)
     return Stability(critical, speed / critical, values, math.log(2.0) / growth if growth > 0.0 else math.inf)

@@ -27,7 +27,7 @@ class Driver(Policy):
     def __init__(self, plant: Plant, model: LinearModel | None = None) -> None:
         if plant.steer == "rear":
             raise ValueError(f"steer must be 'front' or 'both' for the driver {self.name!r}, got 'rear'")
-        self.model = plant.linear_model() if model is None else model
+        self.model = plant.linear_model(quasi_static=True) if model is None else model
         self._axles = 2 if plant.steer == "both" else 1
         self._entries = len(plant.observation_names)
         self._limit = plant.front_actuator.angle_limit

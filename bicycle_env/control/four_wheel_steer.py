@@ -132,7 +132,7 @@ class RearLaw(abc.ABC):
     def __init__(self, plant: Plant) -> None:
         if plant.steer != "both":
             raise ValueError(f"steer must be 'both' for the rear-steer law {self.name!r}, got {plant.steer!r}")
-        self.model = plant.linear_model()
+        self.model = plant.linear_model(quasi_static=True)
         self._front_limit, self._rear_limit = plant.front_actuator.angle_limit, plant.rear_actuator.angle_limit
         self._entry = plant.observation_names.index("yaw_rate")
         self._scale = plant.observation_scale[self._entry]

@@ -63,7 +63,7 @@ def cost_matrices(plant: Plant, weights: Weights | None, speed: float) -> tuple[
     Args:
         weights: None for the tuned ones of the task; a task without these gives its own cost, with a UserWarning.
     """
-    model, tuned = plant.linear_model(), _tuned()
+    model, tuned = plant.linear_model(quasi_static=True), _tuned()
     if weights is None and plant.task.name not in tuned:
         warnings.warn(
             f"no weights were tuned for the task {plant.task.name!r}: the controller has the task's own quadratic cost",
@@ -87,7 +87,7 @@ def read_weights(path: str | Path) -> Weights:
 
 def continuous_design_model(plant: Plant, speed: float | None = None) -> LinearModel:
     """x' = A x + B u of a plant with its actuators, u the action, at its own or at another speed [m/s]; timestep 0."""
-    model = plant.linear_model()
+    model = plant.linear_model(quasi_static=True)
     speed = plant.speed if speed is None else checked_speed(speed)
     A, B = continuous_model(plant.vehicle, speed, (plant.front_actuator, plant.rear_actuator))
     columns = [("front_steer_command", "rear_steer_command").index(name) for name in model.input_names]
@@ -100,7 +100,7 @@ def design_model(plant: Plant, speed: float | None = None, discretisation: str =
     "rk4" is what the environment integrates, "zoh" the exact zero-order hold. ValueError for another word.
     """
     choice("discretisation", discretisation, DISCRETISATIONS)
-    model = plant.linear_model()
+    model = plant.linear_model(quasi_static=True)
     if speed is None and discretisation == "rk4":
         return model
     continuous = continuous_design_model(plant, speed)
@@ -189,7 +189,7 @@ class ScheduledLQR(Policy):
     name = "scheduled-lqr"
 
     def __init__(self, plant: Plant, speeds: Iterable[float] | None = None, weights: Weights | None = None) -> None:
-        self.model = plant.linear_model()  # before all else: cars that differ are refused here
+        self.model = plant.linear_model(quasi_static=True)  # before all else: cars that differ are refused here
         nodes = plant.speed * np.linspace(0.6, 1.4, 9) if speeds is None else speeds
         self.speeds = np.array([checked_speed(node, "speeds") for node in nodes])
         if len(self.speeds) < 2 or np.any(np.diff(self.speeds) <= 0.0):

@@ -32,7 +32,7 @@ FIRST_ITERATIONS = 10
 """SQP iterations in the first step of an episode, where there is no plan of the step before."""
 
 OF_THE_PLANT = (
-    *("vehicle", "tire", "geometry", "speed", "friction", "steer", "front_actuator", "rear_actuator"),
+    *("vehicle", "model", "speed", "friction", "steer", "front_actuator", "rear_actuator"),
     *("control_timestep", "substeps", "action_space"),
 )
 """What the problem is built from, so that a copy can build it again."""
@@ -78,7 +78,7 @@ class MPC(Policy):
         sideslip_limit: float = 0.6,
         substeps: int | None = None,
     ) -> None:
-        self.model = plant.linear_model()  # before all else: cars that differ are refused here
+        self.model = plant.linear_model(quasi_static=True)  # before all else: cars that differ are refused here
         self.horizon, self.iterations = whole("horizon", horizon, 2, 1000), whole("iterations", iterations)
         lane_limit = positive("lane_half_width", lane_half_width) + 0.5 * plant.vehicle.body_width - LANE_MARGIN
         sideslip_limit = positive("sideslip_limit", sideslip_limit)

@@ -46,7 +46,7 @@ class PolePlacement(StateFeedback):
     def __init__(
         self, plant: Plant, path_frequency: float = PATH_FREQUENCY, least_damping: float = LEAST_DAMPING
     ) -> None:
-        model = plant.linear_model()
+        model = plant.linear_model(quasi_static=True)
         self.poles = wanted_poles(plant, path_frequency, least_damping)
         # The actuator of an axle that is not steered stays where it is: no gain reaches it.
         steered = [f"{axle}_steer" for axle in ("front", "rear") if f"{axle}_steer_command" in model.input_names]
@@ -90,7 +90,7 @@ def steady_turn(plant: Plant) -> tuple[Matrix, Matrix]:
     Yaw rate and course follow from the path's derivatives; sideslip and steer angles are those of the steady turn
     with that yaw rate, with both axles steered the ones of least squares.
     """
-    model, speed = plant.linear_model(), plant.speed
+    model, speed = plant.linear_model(quasi_static=True), plant.speed
     axles = [("front_steer_command", "rear_steer_command").index(name) for name in model.input_names]
     A, B = state_matrix(plant.vehicle, speed), input_matrix(plant.vehicle, speed)[:, axles]
     # 0 = A [V, r]' + B steer, for r = 1, in the unknowns sideslip V/U and steer

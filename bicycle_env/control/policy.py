@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import LinearModel
 from bicycle_env.physics.actuators import Actuator
-from bicycle_env.physics.tires import Tire
+from bicycle_env.physics.model import Model
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.episode import Rules
 from bicycle_env.tasks.task import Task
@@ -24,8 +24,7 @@ class Plant(Protocol):
 
     task: Task
     vehicle: Vehicle
-    tire: Tire
-    geometry: str
+    model: Model
     speed: float
     friction: float
     steer: str
@@ -39,8 +38,8 @@ class Plant(Protocol):
     observation_scale: NDArray[np.float64]
     action_space: Any
 
-    def linear_model(self) -> LinearModel:
-        """The one-step linear model with its cost."""
+    def linear_model(self, quasi_static: bool = False) -> LinearModel:
+        """The one-step linear model with its cost; quasi-static: without the states of tires that relax."""
 
 
 class Policy(abc.ABC):

@@ -97,6 +97,7 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     | steer | `"both"` | `"front"`, `"rear"` or `"both"` |
     | friction | `1.0` | road friction coefficient |
     | geometry | `None` | `"small_angle"` or `"exact"`; by default small_angle for the linear tire, else exact |
+    | relaxation_length | `None` | m that a tire rolls until its force follows (0.3 to 0.6 in a car); `None`: at once |
     | front_actuator | `Actuator(6 deg, 40 deg/s, 0.05 s)` | `Actuator(angle_limit, rate_limit, time_constant)`, dict |
     | rear_actuator | `Actuator(3 deg, 9 deg/s, 0.05 s)` | the same for the rear axle |
     | control_timestep | `0.02` | s between actions |

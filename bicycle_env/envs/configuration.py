@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.error import ClosedEnvironmentError
 from numpy.typing import NDArray
 
-from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuous_model, rk4_map
+from bicycle_env.analysis.linear_model import RELAXED_NAMES, STATE_NAMES, LinearModel, continuous_model, rk4_map
 from bicycle_env.analysis.stability import Stability, stability
 from bicycle_env.envs.plain import plain_spec
 from bicycle_env.envs.setup import ADDED, Setup
@@ -18,10 +18,14 @@ from bicycle_env.envs.time_limit import resolve_horizon
 from bicycle_env.envs.told import Told, frozen, tell
 from bicycle_env.physics import actuators, tires
 from bicycle_env.physics.actuators import Actuator
+from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.integrators import check_timestep
-from bicycle_env.physics.linear_single_track import fastest_rate, state_matrix
+from bicycle_env.physics.linear_single_track import fastest_rate, straight_running
+from bicycle_env.physics.model import Model
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.single_track import CarParameters, car_on_road, resolve_geometry
+from bicycle_env.physics.records import record_of
+from bicycle_env.physics.relaxed_single_track import RelaxedSingleTrack
+from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.physics.validation import checked_speed, choice, in_range, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks import randomised, rewards
@@ -46,11 +50,11 @@ class Configuration:
 
     task: Task
     vehicle: Vehicle
-    tire: tires.Tire
+    model: Model
     speed: float
     steer: str
     friction: float
-    geometry: str
+    relaxation_length: float | None
     reward: Reward
     horizon: int
     front_actuator: Actuator
@@ -60,6 +64,14 @@ class Configuration:
     substeps: int
     rules: Rules
     observation_entries: tuple[Entry, ...]
+
+    @property
+    def tire(self) -> tires.Tire:
+        return self.model.tire
+
+    @property
+    def geometry(self) -> str:
+        return self.model.geometry
 
     @property
     def axles(self) -> int:
@@ -77,7 +89,14 @@ class Configuration:
     @property
     def car(self) -> CarParameters:
         """The numbers that the equations need."""
-        return car_on_road(self.vehicle, self.speed, self.friction, self.front_actuator, self.rear_actuator)
+        actuators = (self.front_actuator, self.rear_actuator)
+        return car_on_road(self.vehicle, self.speed, self.friction, *actuators, self.relaxation_length or 0.0)
+
+    @property
+    def State(self) -> Any:
+        """Named-tuple class of ``env.unwrapped.state``: the task's, with what the model has of its own."""
+        own, task, place = self.model.own, self.task.State, len(CarState._fields)
+        return record_of(task.__name__, (*task._fields[:place], *own, *task._fields[place:])) if own else task
 
     @property
     def settings(self) -> Any:
@@ -100,13 +119,15 @@ class Configuration:
         """For how many control steps up to the time-out a car must have been settled: then it was a success."""
         return math.ceil(SETTLED_SECONDS / self.control_timestep - 1e-9)
 
-    def linear_model(self) -> LinearModel:
-        """What one control step integrates, linearised at straight running."""
+    def linear_model(self, quasi_static: bool = False) -> LinearModel:
+        """What one control step integrates, linearised at straight running; see :class:`Configured`."""
         rules = self.rules
         columns = [k for k, steered in enumerate((rules.steers_front, rules.steers_rear)) if steered]
         actuators = (self.front_actuator, self.rear_actuator)
         scale = np.array([actuators[k].angle_limit for k in columns])
-        a, b = continuous_model(self.vehicle, self.speed, actuators)
+        length = None if quasi_static else self.relaxation_length
+        names, unpaid = (STATE_NAMES, ()) if length is None else (RELAXED_NAMES, (0.0, 0.0))
+        a, b = continuous_model(self.vehicle, self.speed, actuators, length)
         a, b = rk4_map(a, b[:, columns] * scale, self.control_timestep, self.substeps)
         costs = self.costs
         state_costs = (
@@ -116,11 +137,12 @@ class Configuration:
             costs.yaw_rate_cost,
             costs.front_steer_cost,
             costs.rear_steer_cost,
+            *unpaid,
         )
         command_costs = [(costs.front_command_cost, costs.rear_command_cost)[k] for k in columns]
-        names = [("front_steer_command", "rear_steer_command")[k] for k in columns]
+        inputs = [("front_steer_command", "rear_steer_command")[k] for k in columns]
         return LinearModel(
-            a, b, np.diag(state_costs), np.diag(command_costs), self.control_timestep, STATE_NAMES, tuple(names), scale
+            a, b, np.diag(state_costs), np.diag(command_costs), self.control_timestep, names, tuple(inputs), scale
         )
 
 
@@ -131,6 +153,8 @@ class Configured:
     task = Told[Task]()
     vehicle = Told[Any]()
     """A Vehicle; a tuple of num_envs of them where each car has its own."""
+    model = Told[Model]()
+    """The car's equations of motion."""
     tire = Told[tires.Tire]()
     speed = Told[Any]()
     """m/s; an array (num_envs,) where each car has its own."""
@@ -138,6 +162,8 @@ class Configured:
     friction = Told[Any]()
     """An array (num_envs,) where each car has its own."""
     geometry = Told[str]()
+    relaxation_length = Told[Any]()
+    """m; None on tires that answer at once; an array (num_envs,) where each car has its own."""
     reward = Told[Reward]()
     horizon = Told[int]()
     """Steps that a failure of the quadratic reward pays for: the time limit, unless given."""
@@ -165,6 +191,8 @@ class Configured:
             self,
             configuration=configuration,
             **fields,
+            tire=configuration.tire,
+            geometry=configuration.geometry,
             observation_names=names,
             observation_scale=frozen(configuration.observation_scale),
             observation_mirror=frozen(np.array([entry.mirror for entry in configuration.observation_entries])),
@@ -186,11 +214,14 @@ class Configured:
     @property
     def stability(self) -> Stability:
         """Straight running without steering: critical_speed, speed_ratio, eigenvalues, time_to_double."""
-        return stability(self.vehicle, self.speed)
+        return stability(self.vehicle, self.speed, self.relaxation_length)
 
-    def linear_model(self) -> LinearModel:
-        """What one control step integrates, linearised at straight running; exact for the linear tire, small angles."""
-        return self.configuration.linear_model()
+    def linear_model(self, quasi_static: bool = False) -> LinearModel:
+        """What one control step integrates, linearised at straight running; exact for the linear tire, small angles.
+
+        Six states; with a relaxation length two more, unless `quasi_static`: then as if the tires answered at once.
+        """
+        return self.configuration.linear_model(quasi_static)
 
 
 def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Configuration:
@@ -201,11 +232,12 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
     task = altered(task, **{name: getattr(setup, name) for name in ADDED})
     check(task)
     vehicle = resolve_vehicle(setup.vehicle)
-    tire = tires.resolve(setup.tire)
+    relaxed = setup.relaxation_length is not None
+    model: Model = (RelaxedSingleTrack if relaxed else SingleTrack).of(setup.tire, setup.geometry)
+    relaxation_length = in_range("relaxation_length", setup.relaxation_length) if relaxed else None
     speed = resolve_speed(vehicle, setup.speed, setup.speed_ratio)
     steer = choice("steer", setup.steer, STEER_MODES)
     friction = in_range("friction", setup.friction)
-    geometry = resolve_geometry(setup.geometry, tire)
     reward = rewards.resolve(setup.reward, task.rewards)
     check_reward(task, reward)
     horizon = whole("horizon", resolve_horizon(setup.horizon, time_limit, task.episode_steps))
@@ -215,11 +247,11 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
     physics_timestep = in_range("physics_timestep", setup.physics_timestep, "timestep")
     ranges = randomised.resolve(setup.randomise)
     cars = randomised.extremes(ranges, vehicle)
-    fastest = max(fastest_rate(car, speed) for car in cars)
+    fastest = max(fastest_rate(car, speed, relaxation_length) for car in cars)
     lags = [1.0 / time for time in randomised.least_time_constants(ranges, front_actuator, rear_actuator)]
     check_timestep("physics_timestep", physics_timestep, max(fastest, *lags))
     substeps = _substeps(control_timestep, physics_timestep)
-    growth = max(float(np.max(np.linalg.eigvals(state_matrix(car, speed)).real)) for car in cars)
+    growth = max(float(np.max(np.linalg.eigvals(straight_running(car, speed, relaxation_length)).real)) for car in cars)
     if growth * control_timestep > MOST_GROWTH:
         raise ValueError(
             f"control_timestep must be <= {MOST_GROWTH / growth:.3g} s here, got {control_timestep:g}: without "
@@ -236,11 +268,11 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
     return Configuration(
         task,
         vehicle,
-        tire,
+        model,
         speed,
         steer,
         friction,
-        geometry,
+        relaxation_length,
         reward,
         horizon,
         front_actuator,

@@ -1,4 +1,4 @@
-"""Many cars in one environment: vehicle, speed, speed_ratio and friction are given once for all, or once per car."""
+"""Many cars in one environment: what is given once for all of them, or once per car."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure, resolve_speed
 from bicycle_env.envs.setup import Setup
 from bicycle_env.envs.told import Told, frozen, tell
+from bicycle_env.physics.car import CarParameters, car_on_road
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.single_track import CarParameters, car_on_road
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.task import Task
 
 Column = NDArray[np.float64]
 """(num_envs,): one number per car."""
-NUMBERS = ("speed", "speed_ratio", "friction")
+NUMBERS = ("speed", "speed_ratio", "friction", "relaxation_length")
 PER_CAR = ("vehicle", *NUMBERS)
 """Keywords that take one value, or a sequence of num_envs of them."""
+OWN = ("vehicle", "speed", "friction", "relaxation_length", "observation_scale")
+"""What an environment then tells per car."""
 
 
 class Fleet(NamedTuple):
@@ -37,6 +39,7 @@ class Fleet(NamedTuple):
     speed: float | Column
     """m/s."""
     friction: float | Column
+    relaxation_length: float | Column | None
     car: CarParameters
     """Of floats or columns."""
     settings: Any
@@ -47,7 +50,8 @@ class Fleet(NamedTuple):
 
 def alike(one: Configuration) -> Fleet:
     """Cars that are all the same, or a single one."""
-    return Fleet(one, False, one.vehicle, one.speed, one.friction, one.car, one.settings, one.observation_scale)
+    numbers = one.speed, one.friction, one.relaxation_length
+    return Fleet(one, False, one.vehicle, *numbers, one.car, one.settings, one.observation_scale)
 
 
 def configure_fleet(task: Task, num_envs: int, setup: Setup, time_limit: int | None = None) -> Fleet:
@@ -86,6 +90,7 @@ def configure_fleet(task: Task, num_envs: int, setup: Setup, time_limit: int | N
         return np.broadcast_to(np.asarray(value, dtype=np.float64), num_envs)
 
     friction = column_of("friction", 1.0)
+    relaxation_length = None if given["relaxation_length"] is None else column_of("relaxation_length", 0.0)
     speed = column_of("speed", 0.0).copy()
     car = CarParameters(*(np.empty(num_envs) for _ in CarParameters._fields))
     for vehicle, rows in groups.items():
@@ -93,8 +98,11 @@ def configure_fleet(task: Task, num_envs: int, setup: Setup, time_limit: int | N
             speed[rows] = resolve_speed(vehicle, None, None)
         elif given["speed"] is None:
             speed[rows] = column_of("speed_ratio", 1.0)[rows] * vehicle.critical_speed
-        same: Any = (speed[rows], friction[rows], first.front_actuator, first.rear_actuator)
-        for column, values in zip(car, car_on_road(vehicle, *same), strict=True):
+        numbers: Any = (speed[rows], friction[rows], first.front_actuator, first.rear_actuator)
+        if relaxation_length is not None:
+            numbers = (*numbers, relaxation_length[rows])
+            configuration_of(rows[np.argmax(speed[rows] / relaxation_length[rows])])  # the fastest lag
+        for column, values in zip(car, car_on_road(vehicle, *numbers), strict=True):
             column[rows] = values
     task = first.task  # with what is added to it
     many: Any = speed  # tasks write settings and scales for one speed, or for an array of them
@@ -105,6 +113,7 @@ def configure_fleet(task: Task, num_envs: int, setup: Setup, time_limit: int | N
         tuple(vehicles),
         speed,
         friction,
+        relaxation_length,
         car,
         task.settings(many),
         np.column_stack([np.broadcast_to(entry.scale, num_envs) for entry in entries]),
@@ -114,8 +123,8 @@ def configure_fleet(task: Task, num_envs: int, setup: Setup, time_limit: int | N
 class ConfiguredFleet(Configured):
     """Gives an environment of many cars its configuration's fields as attributes.
 
-    If one was given per car, ``vehicle`` is a tuple of num_envs Vehicles, ``speed`` and ``friction`` are arrays
-    (num_envs,) and ``observation_scale`` is an array (num_envs, entries).
+    If one was given per car, ``vehicle`` is a tuple of num_envs Vehicles, ``speed``, ``friction`` and
+    ``relaxation_length`` (unless None) are arrays (num_envs,), ``observation_scale`` is one (num_envs, entries).
     """
 
     fleet = Told[Fleet]()
@@ -127,7 +136,7 @@ class ConfiguredFleet(Configured):
 
     def _adopt_fleet(self, fleet: Fleet) -> None:
         self._adopt(fleet.configuration)
-        own = {name: frozen(getattr(fleet, name)) for name in ("vehicle", "speed", "friction", "observation_scale")}
+        own = {name: frozen(getattr(fleet, name)) for name in OWN}
         car, settings = CarParameters(*map(frozen, fleet.car)), type(fleet.settings)(*map(frozen, fleet.settings))
         tell(self, fleet=fleet._replace(car=car, settings=settings, **own), **own)
 
@@ -137,10 +146,10 @@ class ConfiguredFleet(Configured):
         self._one_car("analysis.stability(vehicle, speed)")
         return super().stability
 
-    def linear_model(self) -> LinearModel:
+    def linear_model(self, quasi_static: bool = False) -> LinearModel:
         """What one control step integrates, linearised, if all cars are alike; ValueError otherwise."""
         self._one_car("linear_model() of a single environment")
-        return super().linear_model()
+        return super().linear_model(quasi_static)
 
     def _one_car(self, instead: str) -> None:
         if self.fleet.varied:

@@ -27,6 +27,7 @@ class Setup:
     steer: str = "both"
     friction: float = 1.0
     geometry: str | None = None
+    relaxation_length: float | None = None
     front_actuator: Actuator | Mapping[str, Any] = FRONT
     rear_actuator: Actuator | Mapping[str, Any] = REAR
     control_timestep: float = 0.02

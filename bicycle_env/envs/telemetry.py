@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bicycle_env.physics.single_track import Axles, CarParameters
+from bicycle_env.physics.car import CarParameters
+from bicycle_env.physics.lateral import Axles
 from bicycle_env.tasks.episode import Reference
 
 PEAKS = ("front_peak_force", "rear_peak_force")

@@ -1,4 +1,4 @@
-"""The classical fourth-order Runge-Kutta method on a CarState."""
+"""The classical fourth-order Runge-Kutta method on named tuples."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from collections.abc import Callable
 from typing import Any
 
 from bicycle_env.physics.records import fieldwise
-from bicycle_env.physics.single_track import CarParameters, CarState
 
 STABILITY_LIMIT = 2.5
 """Largest timestep x |eigenvalue| accepted. RK4's own limit: 2.785 on the negative real axis, 2.83 on the imaginary."""
 
-Rates = Callable[[CarState, Any, CarParameters], CarState]
 
+def rk4(xp: Any, State: Any, rates: Callable[..., Any]) -> Callable[..., Any]:
+    """``advance(state, at_start, at_middle, at_end, car, timestep)``: one step, the input given at its three times.
 
-def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, CarParameters, Any], CarState]:
-    """``advance(state, at_start, at_middle, at_end, car, timestep)``: one step, the input given at its three times."""
+    ``rates(state, input, car)`` gives a State, the rate of change.
+    """
     rates = xp.function(rates)
 
     def moved(value: Any, rate: Any, time: Any) -> Any:
@@ -25,19 +25,16 @@ def rk4(xp: Any, rates: Rates) -> Callable[[CarState, Any, Any, Any, CarParamete
         """Of additions beside which others can be done."""
         return xp.multiply_add(2.0, k2 + k3, k1) + k4
 
-    along = fieldwise(xp, CarState, xp.function(moved), 2, 1)
-    weigh = fieldwise(xp, CarState, xp.function(six_times_mean), 4)
+    along = fieldwise(xp, State, xp.function(moved), 2, 1)
+    weigh = fieldwise(xp, State, xp.function(six_times_mean), 4)
 
-    def advance(
-        state: CarState, at_start: Any, at_middle: Any, at_end: Any, car: CarParameters, timestep: Any
-    ) -> CarState:
+    def advance(state: Any, at_start: Any, at_middle: Any, at_end: Any, car: Any, timestep: Any) -> Any:
         half = 0.5 * timestep
         k1 = rates(state, at_start, car)
         k2 = rates(along(state, k1, half), at_middle, car)
         k3 = rates(along(state, k2, half), at_middle, car)
         k4 = rates(along(state, k3, timestep), at_end, car)
-        after: CarState = along(state, weigh(k1, k2, k3, k4), timestep / 6.0)
-        return after
+        return along(state, weigh(k1, k2, k3, k4), timestep / 6.0)
 
     return advance
 

@@ -35,6 +35,27 @@ def input_matrix(vehicle: Vehicle) -> Matrix:
     return np.array([[front / m, rear / m], [a * front / inertia, -b * rear / inertia]])
 
 
-def fastest_rate(vehicle: Vehicle, speed: float) -> float:
-    """Largest |eigenvalue| of the state matrix, 1/s."""
-    return float(np.max(np.abs(np.linalg.eigvals(state_matrix(vehicle, speed)))))
+def relaxed_matrices(vehicle: Vehicle, speed: float, relaxation_length: float) -> tuple[Matrix, Matrix]:
+    """A (4, 4) and B (4, 2) for (lateral_velocity, yaw_rate, front and rear transient slip angle), same inputs.
+
+    The forces are -C beta, and beta' = U / sigma (alpha - beta): :mod:`bicycle_env.physics.relaxed_single_track`.
+    """
+    a, b = vehicle.cg_to_front, vehicle.cg_to_rear
+    matrix, inputs, lag = np.zeros((4, 4)), np.zeros((4, 2)), speed / relaxation_length
+    matrix[0, 1] = -speed
+    matrix[:2, 2:] = -input_matrix(vehicle)
+    matrix[2:, :2] = np.array([[1.0, a], [1.0, -b]]) / relaxation_length
+    matrix[2:, 2:], inputs[2:] = -lag * np.eye(2), -lag * np.eye(2)
+    return matrix, inputs
+
+
+def straight_running(vehicle: Vehicle, speed: float, relaxation_length: float | None = None) -> Matrix:
+    """The state matrix of small deviations: (2, 2), or (4, 4) on tires that relax over a length [m]."""
+    if relaxation_length is None:
+        return state_matrix(vehicle, speed)
+    return relaxed_matrices(vehicle, speed, relaxation_length)[0]
+
+
+def fastest_rate(vehicle: Vehicle, speed: float, relaxation_length: float | None = None) -> float:
+    """Largest |eigenvalue| of :func:`straight_running`, 1/s."""
+    return float(np.max(np.abs(np.linalg.eigvals(straight_running(vehicle, speed, relaxation_length)))))

@@ -18,6 +18,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "friction": (1e-3, 10.0),
     "shape": (0.1, 3.129),  # of the Magic Formula; below 2 unless its curvature is exactly 1
     "curvature": (-1000.0, 1.0),
+    "relaxation_length": (1e-3, 10.0),  # m
     "speed": (0.1, 1000.0),  # m/s
     "angle_limit": (1e-6, 1.57),  # rad
     "rate_limit": (1e-6, 1e6),  # rad/s; or infinity

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bicycle_env.physics.car import CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.single_track import CarState, car_on_road
 from bicycle_env.physics.validation import checked_speed
 from bicycle_env.tasks.episode import World
 

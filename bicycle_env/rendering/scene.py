@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.single_track import CarState, path_rates
+from bicycle_env.physics.lateral import path_rates
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.episode import World
 from bicycle_env.tasks.task import Task

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_env.physics.single_track import car_on_road
+from bicycle_env.physics.car import car_on_road
 from bicycle_env.rendering import dashboard
 from bicycle_env.rendering.dashboard import BACKGROUND, Reading
 from bicycle_env.rendering.painting import paint_road, pixels_per_metre, pygame

@@ -11,8 +11,8 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.records import joined, part, record_of
-from bicycle_env.physics.single_track import CarState
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.metrics import Metric
 from bicycle_env.tasks.task import Allowed, Entry, Law, Task

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.presets import vehicles
-from bicycle_env.physics.single_track import CarParameters, CarState, car_on_road
 from bicycle_env.physics.validation import check_frozen
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.rewards import Reward

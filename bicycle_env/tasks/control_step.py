@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import CarParameters, CarState, actuated_single_track
-from bicycle_env.physics.tires import Tire
+from bicycle_env.physics.model import Model
 from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
@@ -32,10 +32,10 @@ class Parts(NamedTuple):
     """``finish(state, episode, action, command, before, world) -> (episode, reward, end, cost)``."""
 
 
-def parts(xp: Any, task: Task, tire: Tire, geometry: str, reward: Reward) -> Parts:
+def parts(xp: Any, task: Task, model: Model, reward: Reward) -> Parts:
     """The parts of :func:`transition`."""
     pushed = task.conditions(xp) is not None
-    substep = xp.function(rk4(xp, actuated_single_track(xp, tire, geometry, pushed)))
+    substep = xp.function(rk4(xp, model.State, model.actuated_rates(xp, pushed)))
     command_law = xp.function(command_of(xp, task))
     moment = xp.function(car_of_the_moment(xp, task))
     reference_law = xp.function(task.reference(xp))
@@ -142,12 +142,12 @@ def _remember(xp: Any, task: Task) -> Law:
     return the_same
 
 
-def transition(xp: Any, task: Task, tire: Tire, geometry: str, reward: Reward) -> Law:
+def transition(xp: Any, task: Task, model: Model, reward: Reward) -> Law:
     """``step(state, episode, action, world, substeps) -> (state, episode, reward, end, cost)``: a control step.
 
     `substeps` is a whole number; see :class:`Parts` for the rest.
     """
-    begin, advance, finish = (xp.function(law) for law in parts(xp, task, tire, geometry, reward))
+    begin, advance, finish = (xp.function(law) for law in parts(xp, task, model, reward))
 
     def step(
         state: CarState, episode: EpisodeState, action: Axles, world: World, substeps: int

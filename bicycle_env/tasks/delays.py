@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.records import composed, field, sequence
-from bicycle_env.physics.single_track import CarState
 from bicycle_env.tasks.altered import AlteredTask, unchanged
 from bicycle_env.tasks.control_step import command_of
 from bicycle_env.tasks.episode import EpisodeState, World

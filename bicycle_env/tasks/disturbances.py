@@ -7,8 +7,8 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.records import composed, field, record_of, replaced
-from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.physics.validation import check_frozen, choice, explain_keywords, from_fields, number
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.episode import EpisodeState, World

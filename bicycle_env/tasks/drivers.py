@@ -12,8 +12,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.records import composed, record_of, replaced
-from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import check_frozen, choice, explain_keywords, from_fields, number
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.control_step import command_of

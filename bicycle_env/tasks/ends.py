@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from bicycle_env.physics.single_track import CarState
+from bicycle_env.physics.car import CarState
 from bicycle_env.tasks.episode import Reference, World
 
 RUNNING, SPUN, LEFT, INVALID_ACTION = 0, 1, 2, 3

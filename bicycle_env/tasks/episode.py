@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from bicycle_env.physics.single_track import CarParameters
+from bicycle_env.physics.car import CarParameters
 
 
 class EpisodeState(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bicycle_env.physics.single_track import CarState
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.validation import choice, number, positive
 from bicycle_env.tasks import rewards
 from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from bicycle_env.physics.actuators import Actuator
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.records import composed, field, merged, replaced
-from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.physics.validation import choice, from_fields, number
 from bicycle_env.physics.vehicle import GRAVITY, Vehicle
 from bicycle_env.tasks.altered import AlteredTask

@@ -11,7 +11,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-from bicycle_env.physics.single_track import CarParameters, CarState
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number, positive
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 

@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.random_bits import COLUMN, KEY_COLUMNS, normal
 from bicycle_env.physics.records import sequence
-from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.episode import EpisodeState, World

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, NamedTuple
 
-from bicycle_env.physics.single_track import CarState
+from bicycle_env.physics.car import CarState
 from bicycle_env.tasks import rewards
 from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
 from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car

@@ -9,10 +9,11 @@ modules beside this one, written against that reference; a task may have its own
 from __future__ import annotations
 
 import abc
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
-from bicycle_env.physics.single_track import CarState
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.validation import choice, known_keys, number
 from bicycle_env.tasks.ends import corner_outside, end_code, settled
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
@@ -205,11 +206,16 @@ STATE_RANGES = {
 
 
 def checked_state(
-    given: object, front_limit: float, rear_limit: float, label: str = "options['state']"
+    given: object,
+    front_limit: float,
+    rear_limit: float,
+    label: str = "options['state']",
+    own: tuple[str, ...] = (),
 ) -> dict[str, float]:
     """Values of all settable state names, 0 where not given; ValueError or TypeError if one is bad.
 
-    Settable are the fields of CarState and the two last commands; steer angles lie within the actuators' limits.
+    Settable are the fields of CarState and the two last commands; steer angles lie within the actuators' limits. What
+    the model has of its `own`, all of them angles, is among the values only where given.
     """
     ranges = {
         **STATE_RANGES,
@@ -220,8 +226,9 @@ def checked_state(
     }
     if not isinstance(given, Mapping):
         raise TypeError(f"{label} must be a mapping of state names to numbers, got {given!r}")
-    known_keys("state name", given, ranges)
     values = dict.fromkeys(ranges, 0.0)
+    ranges |= dict.fromkeys(own, (-math.pi / 2, math.pi / 2))
+    known_keys("state name", given, ranges)
     for name, value in given.items():
         values[name] = number(f"{label}[{name!r}]", value, *ranges[name])
     return values

@@ -13,8 +13,9 @@ from bicycle_env import Vehicle, analysis, simulate, tires, vehicles
 from bicycle_env.analysis.equilibria import RearBalance, kind_of
 from bicycle_env.analysis.nonlinear_model import NonlinearModel
 from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.single_track import CarParameters, CarState, axles, car_on_road
+from bicycle_env.physics.single_track import SingleTrack
 
 GRAVITY = 9.81
 OVERSTEER = vehicles["oversteer"]
@@ -188,7 +189,7 @@ def test_kind_by_hand(eigenvalues, kind):
 
 def rates_of(vehicle, speed, steer, tire, friction, geometry):
     car = CarParameters(*map(np.float64, car_on_road(vehicle, speed, friction, FRONT, REAR)))
-    acting = axles(NUMPY, tires.resolve(tire), geometry)
+    acting = SingleTrack.of(tire, geometry).axles(NUMPY)
 
     def rates(x):
         zero = 0.0 * x[0]

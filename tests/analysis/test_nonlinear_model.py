@@ -7,7 +7,7 @@ import pytest
 
 from bicycle_env import analysis, tires, vehicles
 from bicycle_env.analysis.nonlinear_model import NonlinearModel
-from bicycle_env.physics.single_track import GEOMETRIES
+from bicycle_env.physics.lateral import GEOMETRIES
 
 COMBINATIONS = list(itertools.product(tires.LAWS, GEOMETRIES))
 

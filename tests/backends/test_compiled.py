@@ -14,8 +14,9 @@ from bicycle_env.backends import compiled, single_precision
 from bicycle_env.backends.code_digest import digest
 from bicycle_env.backends.compiled import NUMBA, entry_point
 from bicycle_env.physics import elementary, tires
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import single_track
+from bicycle_env.physics.single_track import SingleTrack
 
 GAIN = 2.0
 
@@ -119,7 +120,7 @@ def test_another_default_is_another_digest():
 
 
 def integrator(tire="fiala", geometry="exact", xp=NUMBA):
-    return rk4(xp, single_track(xp, tires.resolve(tire), geometry))
+    return rk4(xp, CarState, SingleTrack.of(tire, geometry).rates(xp))
 
 
 def test_the_digest_of_the_physics_sees_tire_and_geometry():

@@ -12,7 +12,7 @@ import pytest
 from bicycle_env import Actuator, vehicles
 from bicycle_env.envs.configuration import DEFAULT_SPEED
 from bicycle_env.envs.single.single_track_env import keyword_names
-from bicycle_env.physics.single_track import CarState
+from bicycle_env.physics.car import CarState
 from bicycle_env.registration import ENVIRONMENTS
 from bicycle_env.tasks.lane_change import DURATION
 

@@ -173,7 +173,7 @@ def test_the_memory_of_a_row_is_what_is_documented(env_id, varied):
     for dtype in ("float64", "float32"):
         one = fleet.configuration
         entries = len(one.observation_entries)
-        kind = Kind(one.task, entries, max(ROW_COST), varied, dtype)
+        kind = Kind(one.task, one.model, entries, max(ROW_COST), varied, dtype)
         sizes[dtype] = Rows(kind, fleet, many, 400).numbers.nbytes // many
     assert 0.6 * BYTES_PER_ROW[varied] < sizes["float64"] <= BYTES_PER_ROW[varied]
     assert sizes["float32"] == sizes["float64"] // 2

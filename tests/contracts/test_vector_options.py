@@ -285,6 +285,7 @@ def test_every_keyword_of_the_single_environment_is_one_here():
         "steer": "rear",
         "friction": 0.8,
         "geometry": "exact",
+        "relaxation_length": None,
         "front_actuator": Actuator(0.2),
         "rear_actuator": Actuator(0.1),
         "control_timestep": 0.04,

@@ -11,9 +11,9 @@ from combinations import only_all
 from bicycle_env.control import LQR, MPC, PolePlacement
 from bicycle_env.control.design.symbolic import casadi_namespace, control_step
 from bicycle_env.physics.actuators import Actuator
+from bicycle_env.physics.car import CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import CarState, actuated_single_track, car_on_road
 
 IDS = ("BicycleStab-v0", "BicycleLaneChange-v0")
 STEERS = ("front", "rear", "both")
@@ -43,7 +43,7 @@ def test_the_model_is_the_one_source_of_physics(tire, geometry):
     free = {f"{axle}_actuator": Actuator(0.1, math.inf, 0.05) for axle in ("front", "rear")}
     car = plant(tire=tire, geometry=geometry, **free)
     step = control_step(car, 3)
-    advance = rk4(NUMPY, actuated_single_track(NUMPY, car.tire, car.geometry))
+    advance = rk4(NUMPY, CarState, car.model.actuated_rates(NUMPY))
     numbers = car_on_road(car.vehicle, car.speed, car.friction, car.front_actuator, car.rear_actuator)
     rng = np.random.default_rng(4)
     for _ in range(20):

@@ -63,7 +63,7 @@ def any_configuration(rng):
 def drive(configuration, rng, steps):
     """Every number of an episode in plain Python: states, observations, rewards, costs."""
     task, world = configuration.task, World(configuration.car, configuration.rules, configuration.settings)
-    step = transition(PYTHON, task, configuration.tire, configuration.geometry, configuration.reward)
+    step = transition(PYTHON, task, configuration.model, configuration.reward)
     observe = task.observe(PYTHON)
     state, route = task.start(PYTHON)([float(u) for u in rng.random(task.uniforms)], world)
     memory = EpisodeState(0.0, 0.0, 0.0, 0.0, route)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from bicycle_env import Vehicle, analysis, tires, vehicles
+from bicycle_env.physics.car import CarState, car_on_road
 from bicycle_env.physics.elementary import PYTHON
-from bicycle_env.physics.single_track import CarState, car_on_road, single_track
+from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.registration import ENVIRONMENTS
 
 IDS = [row.id for row in ENVIRONMENTS]
@@ -32,7 +33,7 @@ def test_accelerations_and_forces(tire, geometry):
     env = gym.make("BicycleStab-v0", tire=tire, geometry=geometry, telemetry=True, friction=0.9)
     plant, car = env.unwrapped, env.unwrapped.vehicle
     law = tires.LAWS[tire]()
-    rates = single_track(PYTHON, law, geometry)
+    rates = SingleTrack(law, geometry).rates(PYTHON)
     numbers = car_on_road(car, plant.speed, plant.friction, plant.front_actuator, plant.rear_actuator)
     peaks = {
         "front": 0.9 * car.mass * GRAVITY * car.cg_to_rear / car.wheelbase,

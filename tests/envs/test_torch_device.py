@@ -14,7 +14,7 @@ from torch_cases import CARS, IDS, LANE, MODES, STAB, STILL, assert_near, quick,
 
 from bicycle_env import Actuator, tires
 from bicycle_env.envs import TorchVectorEnv
-from bicycle_env.physics.single_track import GEOMETRIES
+from bicycle_env.physics.lateral import GEOMETRIES
 
 # On the device, without waiting for it
 

@@ -10,9 +10,10 @@ import pytest
 
 from bicycle_env import Actuator, vehicles
 from bicycle_env.physics.actuators import FRONT, REAR, resolve, steer_rate
+from bicycle_env.physics.car import CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY, PYTHON
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import CarState, actuated_single_track, car_on_road
+from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.physics.tires import Linear
 
 AT_REST = CarState(*[0.0] * 7)
@@ -20,7 +21,7 @@ AT_REST = CarState(*[0.0] * 7)
 
 def follow(front, rear, command, duration, timestep=1e-3):
     """Histories of the two steer angles while both commands are held."""
-    advance = rk4(PYTHON, actuated_single_track(PYTHON, Linear(), "small_angle"))
+    advance = rk4(PYTHON, CarState, SingleTrack(Linear(), "small_angle").actuated_rates(PYTHON))
     car = car_on_road(vehicles["understeer"], 20.0, 1.0, front, rear)
     state, angles = AT_REST, [(0.0, 0.0)]
     for _ in range(round(duration / timestep)):

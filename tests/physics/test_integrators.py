@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import expm
 
 from bicycle_env import analysis, simulate, vehicles
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.integrators import STABILITY_LIMIT, check_timestep, rk4
-from bicycle_env.physics.single_track import CarState
 
 SPEED = 43.0
 START = {"lateral_position": 0.2, "heading": 0.05, "lateral_velocity": 3.0, "yaw_rate": -0.3}
@@ -77,21 +77,21 @@ def test_fourth_order_beyond_the_linear_model(tire):
 
 def test_one_step_by_hand():
     """x' = -x in every field: one step multiplies by 1 - h + h^2/2 - h^3/6 + h^4/24."""
-    advance = rk4(PYTHON, lambda state, command, car: CarState(*(-value for value in state)))
+    advance = rk4(PYTHON, CarState, lambda state, command, car: CarState(*(-value for value in state)))
     after = advance(CarState(*[1.0] * 7), 0.0, 0.0, 0.0, None, 0.5)
     np.testing.assert_allclose(after, 1 - 0.5 + 0.125 - 0.125 / 6 + 0.0625 / 24, rtol=1e-15)
 
 
 def test_the_input_is_used_at_its_three_times():
     """x' = u(t) is Simpson's rule."""
-    advance = rk4(PYTHON, lambda state, command, car: CarState(*[command] * 7))
+    advance = rk4(PYTHON, CarState, lambda state, command, car: CarState(*[command] * 7))
     after = advance(CarState(*[0.0] * 7), 1.0, 2.0, 5.0, None, 0.6)
     np.testing.assert_allclose(after, 0.6 * (1.0 + 4.0 * 2.0 + 5.0) / 6.0, rtol=1e-15)
 
 
 def test_every_field_moves_by_its_own_rate():
     speeds = CarState(*(10.0 * 2.0 ** np.arange(7)))
-    after = rk4(PYTHON, lambda state, command, car: speeds)(CarState(*np.arange(7.0)), *[None] * 4, 0.5)
+    after = rk4(PYTHON, CarState, lambda state, command, car: speeds)(CarState(*np.arange(7.0)), *[None] * 4, 0.5)
     assert after == pytest.approx([k + 5.0 * 2.0**k for k in range(7)], rel=1e-15)
 
 

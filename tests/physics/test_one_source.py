@@ -16,9 +16,11 @@ from bicycle_env import analysis, simulate, tires, vehicles
 from bicycle_env.backends import compiled
 from bicycle_env.envs import TorchVectorEnv
 from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY, PYTHON, array_namespace
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import GEOMETRIES, CarParameters, CarState, actuated_single_track, car_on_road
+from bicycle_env.physics.lateral import GEOMETRIES
+from bicycle_env.physics.single_track import SingleTrack
 
 TORCH = array_namespace(torch)
 FIELDS, NUMBERS = len(CarState._fields), len(CarParameters._fields)
@@ -42,7 +44,7 @@ def commands(steps=STEPS):
 
 
 def law_of(xp, tire, geometry):
-    return rk4(xp, actuated_single_track(xp, tire, geometry))
+    return rk4(xp, CarState, SingleTrack(tire, geometry).actuated_rates(xp))
 
 
 def in_python(tire, geometry, start):

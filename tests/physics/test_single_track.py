@@ -10,18 +10,11 @@ from scipy.linalg import expm
 from bicycle_env import analysis, simulate, tires, vehicles
 from bicycle_env.analysis.linear_model import continuous_model
 from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY, PYTHON
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import (
-    GEOMETRIES,
-    CarParameters,
-    CarState,
-    actuated_single_track,
-    axles,
-    car_on_road,
-    path_rates,
-    single_track,
-)
+from bicycle_env.physics.lateral import GEOMETRIES, path_rates
+from bicycle_env.physics.single_track import SingleTrack
 
 COMBINATIONS = list(itertools.product(tires.LAWS, GEOMETRIES))
 AT_REST = CarState(*[0.0] * 7)
@@ -72,7 +65,7 @@ def test_linear_response_is_the_matrix_exponential(name, speed):
 @pytest.mark.parametrize("name", ["oversteer", "understeer"])
 def test_jacobian_at_straight_running_is_the_linear_model(tire, geometry, name):
     vehicle, speed = vehicles[name], 30.0
-    rates = single_track(PYTHON, tires.resolve(tire), geometry)
+    rates = SingleTrack.of(tire, geometry).rates(PYTHON)
     car = car_of(name, speed)
     step = 1e-7
 
@@ -91,7 +84,7 @@ def test_jacobian_at_straight_running_is_the_linear_model(tire, geometry, name):
 @pytest.mark.parametrize(("tire", "geometry"), COMBINATIONS)
 def test_jacobian_with_path_and_actuators_is_the_continuous_model(tire, geometry):
     vehicle, speed = vehicles["oversteer"], 30.0
-    rates = actuated_single_track(PYTHON, tires.resolve(tire), geometry)
+    rates = SingleTrack.of(tire, geometry).actuated_rates(PYTHON)
     car = car_of("oversteer", speed)
     step = 1e-7
 
@@ -110,7 +103,7 @@ def test_jacobian_with_path_and_actuators_is_the_continuous_model(tire, geometry
 
 @pytest.mark.parametrize(("tire", "geometry"), COMBINATIONS)
 def test_mirror_symmetry_of_the_rates_to_the_bit(tire, geometry):
-    rates = single_track(NUMPY, tires.resolve(tire), geometry)
+    rates = SingleTrack.of(tire, geometry).rates(NUMPY)
     state, car = random_states(3000), CarParameters(*map(np.float64, car_of()))
     steer = (state.front_steer, state.rear_steer)
     here = rates(state, steer, car)
@@ -148,14 +141,14 @@ def test_mirror_symmetry_of_a_compiled_run_to_the_bit(tire, geometry):
 def test_slip_angles_and_forces_by_hand_small_angle():
     vehicle = vehicles["oversteer"]  # a = 1.4, b = 1.3, Cf = 110e3, Cr = 90e3, m = 1500, Iz = 2500
     state = AT_REST._replace(lateral_velocity=2.0, yaw_rate=0.5, front_steer=0.04, rear_steer=-0.02)
-    acting = axles(PYTHON, tires.Linear(), "small_angle")(state, car_of("oversteer", 25.0))
+    acting = SingleTrack(tires.Linear(), "small_angle").axles(PYTHON)(state, car_of("oversteer", 25.0))
     assert acting.front_slip_angle == pytest.approx((2.0 + 1.4 * 0.5) / 25.0 - 0.04, rel=1e-14)  # 0.068
     assert acting.rear_slip_angle == pytest.approx((2.0 - 1.3 * 0.5) / 25.0 + 0.02, rel=1e-14)  # 0.074
     assert acting.front_lateral_force == pytest.approx(-7480.0, rel=1e-13)
     assert acting.rear_lateral_force == pytest.approx(-6660.0, rel=1e-13)
     assert acting.lateral_acceleration == pytest.approx(-14140.0 / 1500.0, rel=1e-13)
     assert acting.yaw_acceleration == pytest.approx((1.4 * -7480.0 + 1.3 * 6660.0) / 2500.0, rel=1e-12)
-    rates = single_track(PYTHON, tires.Linear(), "small_angle")(state, (0.04, -0.02), car_of("oversteer", 25.0))
+    rates = SingleTrack(tires.Linear(), "small_angle").rates(PYTHON)(state, (0.04, -0.02), car_of("oversteer", 25.0))
     assert rates.lateral_velocity == pytest.approx(-14140.0 / 1500.0 - 0.5 * 25.0, rel=1e-13)
     assert rates.yaw_rate == acting.yaw_acceleration
     assert rates.heading == 0.5
@@ -165,7 +158,7 @@ def test_slip_angles_and_forces_by_hand_small_angle():
 def test_slip_angles_and_forces_by_hand_exact():
     state = AT_REST._replace(lateral_velocity=6.0, yaw_rate=1.0, front_steer=0.3, rear_steer=-0.2)
     car = car_of("oversteer", 20.0, friction=0.5)
-    acting = axles(PYTHON, tires.Tanh(), "exact")(state, car)
+    acting = SingleTrack(tires.Tanh(), "exact").axles(PYTHON)(state, car)
     front = math.atan(7.4 / 20.0) - 0.3
     rear = math.atan(4.7 / 20.0) + 0.2
     assert acting.front_slip_angle == pytest.approx(front, rel=1e-13)
@@ -192,14 +185,14 @@ def test_the_path_by_hand():
 def test_the_exact_path_keeps_the_speed():
     """x'^2 + y'^2 = U^2 + V^2: the path is the body's velocity, turned by the heading."""
     state, car = random_states(500, 4), CarParameters(*map(np.float64, car_of()))
-    rate = single_track(NUMPY, tires.Fiala(), "exact")(state, (state.front_steer, state.rear_steer), car)
+    rate = SingleTrack(tires.Fiala(), "exact").rates(NUMPY)(state, (state.front_steer, state.rear_steer), car)
     np.testing.assert_allclose(
         np.hypot(rate.longitudinal_position, rate.lateral_position), np.hypot(43.0, state.lateral_velocity), rtol=1e-13
     )
 
 
 def test_the_steer_in_the_state_does_not_matter_when_it_is_prescribed():
-    rates = single_track(PYTHON, tires.Fiala(), "exact")
+    rates = SingleTrack(tires.Fiala(), "exact").rates(PYTHON)
     a = rates(AT_REST._replace(yaw_rate=0.3, front_steer=0.2, rear_steer=0.1), (0.01, 0.02), car_of())
     b = rates(AT_REST._replace(yaw_rate=0.3), (0.01, 0.02), car_of())
     assert a == b
@@ -214,7 +207,7 @@ def test_peak_forces_are_friction_times_the_static_load():
 
 @pytest.mark.parametrize("tire", ["tanh", "fiala", "magic_formula"])
 def test_no_lateral_acceleration_beyond_the_friction(tire):
-    acting = axles(NUMPY, tires.resolve(tire), "exact")(
+    acting = SingleTrack.of(tire, "exact").axles(NUMPY)(
         random_states(3000, 2), CarParameters(*map(np.float64, car_of("oversteer", 40.0, friction=0.7)))
     )
     assert np.all(np.abs(acting.lateral_acceleration) <= 0.7 * 9.81 * (1.0 + 1e-12))
@@ -222,7 +215,7 @@ def test_no_lateral_acceleration_beyond_the_friction(tire):
 
 def test_a_row_does_not_depend_on_its_neighbours():
     """Several cars at once give, to the bit, what each gives alone."""
-    advance = rk4(NUMPY, actuated_single_track(NUMPY, tires.Fiala(), "exact"))
+    advance = rk4(NUMPY, CarState, SingleTrack(tires.Fiala(), "exact").actuated_rates(NUMPY))
     car, command = CarParameters(*map(np.float64, car_of())), (np.float64(0.02), np.float64(-0.01))
     states = random_states(50, 9)
     together = advance(states, command, command, command, car, 0.004)

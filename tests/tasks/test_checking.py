@@ -11,7 +11,7 @@ from combinations import only_all
 
 from bicycle_env.envs import BicycleStabEnv, TorchVectorEnv
 from bicycle_env.envs.bicycle_stab import BicycleStabVectorEnv
-from bicycle_env.physics.single_track import CarState
+from bicycle_env.physics.car import CarState
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.episode import Reference
 from bicycle_env.tasks.lane_change import LaneChange

@@ -12,8 +12,8 @@ from gymnasium.envs.registration import registry
 import bicycle_env
 from bicycle_env import analysis, vehicles
 from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.physics.car import CarParameters
 from bicycle_env.physics.records import replaced
-from bicycle_env.physics.single_track import CarParameters
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.stabilise import Stabilise, StabiliseState
 from bicycle_env.tasks.task import Entry

@@ -6,8 +6,8 @@ import pytest
 
 from bicycle_env import vehicles
 from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.car import CarState, car_on_road
 from bicycle_env.physics.elementary import PYTHON
-from bicycle_env.physics.single_track import CarState, car_on_road
 from bicycle_env.tasks.ends import LEFT, RUNNING, SPUN, end_code, settled
 from bicycle_env.tasks.episode import Reference, World
 from bicycle_env.tasks.stabilise import Stabilise

@@ -16,9 +16,9 @@ from bicycle_env import Sensors, vehicles
 from bicycle_env.backends.compiled import ENTRY_POINTS
 from bicycle_env.envs import TorchVectorEnv
 from bicycle_env.physics import actuators
+from bicycle_env.physics.car import CarParameters, car_on_road
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.records import replaced
-from bicycle_env.physics.single_track import CarParameters, car_on_road
 from bicycle_env.tasks import drivers, randomised
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.control_step import command_of

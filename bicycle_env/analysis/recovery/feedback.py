@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from bicycle_env.analysis.recovery.least_time import IntractableError
 from bicycle_env.backends import announcements, compiled
 from bicycle_env.backends.compiled import NUMBA
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import CarParameters, CarState, single_track
-from bicycle_env.physics.tires import Tire
+from bicycle_env.physics.single_track import SingleTrack
 
 Array = NDArray[np.float64]
 
@@ -30,8 +30,7 @@ _row = numba.float64[::1]
 
 
 def saved_by_feedback(
-    tire: Tire,
-    geometry: str,
+    model: SingleTrack,
     car: CarParameters,
     starts: CarState,
     gain: Array,
@@ -50,16 +49,16 @@ def saved_by_feedback(
         )
     table = np.stack([np.ravel(np.asarray(values, dtype=np.float64)) for values in starts])
     saved = np.zeros(table.shape[1], dtype=np.bool_)
-    with announcements.progress(f"linear feedback on the {type(tire).__name__} tire, {geometry} geometry"):
-        drive = _feedback(tire, geometry)
+    with announcements.progress(f"linear feedback on {model}"):
+        drive = _feedback(model)
     numbers = np.array([*limits, *goal])
     drive(np.array(car), table, np.ascontiguousarray(gain), timestep, math.ceil(horizon / timestep), numbers, saved)
     return saved.reshape(np.shape(starts.lateral_velocity))
 
 
 @functools.cache
-def _feedback(tire: Tire, geometry: str) -> Callable[..., None]:
-    advance = NUMBA.function(rk4(NUMBA, single_track(NUMBA, tire, geometry)))
+def _feedback(model: SingleTrack) -> Callable[..., None]:
+    advance = NUMBA.function(rk4(NUMBA, model.State, model.rates(NUMBA)))
     fields = len(CarState._fields)
 
     def drive(car_numbers: Any, starts: Any, gain: Any, timestep: Any, most: Any, bounds: Any, saved: Any) -> None:

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from bicycle_env.backends import announcements, compiled
 from bicycle_env.backends.compiled import NUMBA
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.integrators import STABILITY_LIMIT, rk4
 from bicycle_env.physics.linear_single_track import fastest_rate
-from bicycle_env.physics.single_track import CarParameters, CarState, single_track
-from bicycle_env.physics.tires import Tire
+from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.physics.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -74,8 +74,7 @@ class Steps(NamedTuple):
 
 
 def steps(
-    tire: Tire,
-    geometry: str,
+    model: SingleTrack,
     car: CarParameters,
     lateral_velocity: Array,
     yaw_rate: Array,
@@ -84,17 +83,17 @@ def steps(
 ) -> Steps:
     """One RK4 step from each node for each pair (front, rear) of `steer` (angles, 2), about ``CELLS`` cells long."""
     out = np.empty((6, len(lateral_velocity), len(yaw_rate), len(steer)))
-    with announcements.progress(f"recoverable set for the {type(tire).__name__} tire, {geometry} geometry"):
-        fill = _stepper(tire, geometry)
+    with announcements.progress(f"recoverable set for {model}"):
+        fill = _stepper(model)
     fill(np.array(car), lateral_velocity, yaw_rate, np.ascontiguousarray(steer), longest, out)
     return Steps(*out)
 
 
 @functools.cache
-def _stepper(tire: Tire, geometry: str) -> Callable[..., None]:
-    law = single_track(NUMBA, tire, geometry)
+def _stepper(model: SingleTrack) -> Callable[..., None]:
+    law = model.rates(NUMBA)
     rates = NUMBA.function(law)
-    advance = NUMBA.function(rk4(NUMBA, law))
+    advance = NUMBA.function(rk4(NUMBA, model.State, law))
 
     def fill(car_numbers: Any, lateral_velocity: Any, yaw_rate: Any, steer: Any, longest: Any, out: Any) -> None:
         car = CarParameters(*to_fixed_tuple(car_numbers, _NUMBERS))

@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from bicycle_env.analysis.recovery import feedback, least_time
 from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import Actuator
+from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import CarParameters, CarState, car_on_road, single_track
+from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.physics.validation import number, positive
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.simulation import simulate
@@ -160,8 +161,7 @@ class RecoverableSet:
         zero = np.zeros_like(v)
         in_lane = self.lane is not None
         return feedback.saved_by_feedback(
-            self.tire,
-            self.geometry,
+            self._model,
             self._car,
             CarState(zero, zero, -v / self.speed, v, r, zero, zero),
             whole_gain,
@@ -276,10 +276,14 @@ class RecoverableSet:
     def _car(self) -> CarParameters:
         return car_with_limits(self.vehicle, self.speed, self.friction, self.steer_limits)
 
+    @property
+    def _model(self) -> SingleTrack:
+        return SingleTrack(self.tire, self.geometry)
+
     @functools.cached_property
     def _physics(self) -> tuple[Any, Any, CarParameters]:
-        rates = single_track(NUMPY, self.tire, self.geometry)
-        return rates, rk4(NUMPY, rates), CarParameters(*(np.float64(value) for value in self._car))
+        rates = self._model.rates(NUMPY)
+        return rates, rk4(NUMPY, CarState, rates), CarParameters(*(np.float64(value) for value in self._car))
 
     @functools.cached_property
     def _value_at(self) -> Any:

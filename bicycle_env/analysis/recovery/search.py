@@ -20,7 +20,7 @@ from bicycle_env.analysis.recovery.recoverable_set import (
 )
 from bicycle_env.physics import tires
 from bicycle_env.physics.presets import resolve_vehicle
-from bicycle_env.physics.single_track import resolve_geometry
+from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.physics.validation import checked_speed, choice, in_range, number, positive, whole
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -78,7 +78,6 @@ def recoverable_set(
     """
     vehicle = resolve_vehicle(vehicle)
     speed = checked_speed(speed)
-    tire = tires.resolve(tire)
     choice("steer", steer, STEER_MODES)
     friction = in_range("friction", friction)
     front, rear = _limits(steer_limits)
@@ -89,7 +88,7 @@ def recoverable_set(
     lane = None if lane is None else positive("lane", lane)
     shape = _nodes("grid", grid, 2)
     lane_shape = _nodes("lane_grid", lane_grid, 4)
-    geometry = resolve_geometry(geometry, tire)
+    model = SingleTrack.of(tire, geometry)
 
     car = car_with_limits(vehicle, speed, friction, (front, rear))
     longest = least_time.longest_step(vehicle, speed)
@@ -99,8 +98,8 @@ def recoverable_set(
     found = RecoverableSet(
         vehicle,
         speed,
-        tire,
-        geometry,
+        model.tire,
+        model.geometry,
         friction,
         (front, rear),
         sideslip_limit,
@@ -117,7 +116,7 @@ def recoverable_set(
     goal = _goal("grid", plane[0], plane[1], speed)
     with _bar("recoverable set", progress) as show:
         value = np.where(goal, 0.0, 1.0)
-        steps = least_time.steps(tire, geometry, car, plane[0], plane[1], angles, longest)
+        steps = least_time.steps(model, car, plane[0], plane[1], angles, longest)
         least_time.solve_plane(value, steps, (plane[0], plane[1]), horizon, show)
     found = dataclasses.replace(found, value=value)
     if lane is None:
@@ -129,9 +128,9 @@ def recoverable_set(
     lane_value = np.where(np.broadcast_to(goal_in_lane, lane_shape), 0.0, 1.0)
     with _bar("recoverable set in a lane", progress) as show:
         angles = _pairs(front, rear, LANE_LEVELS)
-        steps = least_time.steps(tire, geometry, car, v, r, angles, longest)
+        steps = least_time.steps(model, car, v, r, angles, longest)
         axes = (v, r, course, y)
-        least_time.solve_lane(lane_value, floor, steps, axes, speed, geometry == "exact", horizon, show)
+        least_time.solve_lane(lane_value, floor, steps, axes, speed, model.geometry == "exact", horizon, show)
     return dataclasses.replace(
         found,
         lane=lane,

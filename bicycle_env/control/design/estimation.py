@@ -19,8 +19,8 @@ from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.analysis.stability import input_matrix, state_matrix
 from bicycle_env.control.design.gains import zero_order_hold
 from bicycle_env.control.policy import Plant
+from bicycle_env.physics.car import CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.single_track import CarState, axles, car_on_road
 
 Matrix = NDArray[np.float64]
 
@@ -107,7 +107,7 @@ def sideslip_filter(plant: Plant, noise: Noise | None = None, disturbance: Distu
     """
     noise = Noise() if noise is None else noise
     disturbance = Disturbance() if disturbance is None else disturbance
-    model, body = plant.linear_model(), slice(2, 4)
+    model, body = plant.linear_model(quasi_static=True), slice(2, 4)
     A = model.A[body, body]
     B = np.hstack([model.A[body, 4:6], model.B[body]])
     # z: the yaw rate, and V' + U r of (6.22) with what disturbs it
@@ -139,8 +139,8 @@ class MeasuredSignals:
     """
 
     def __init__(self, plant: Plant, noise: Noise | None = None, seed: int = 0) -> None:
-        self._form = plant.tire, plant.geometry
-        self._axles = axles(NUMPY, *self._form)
+        self._model = plant.model.quasi_static
+        self._axles = self._model.axles(NUMPY)
         actuators = plant.front_actuator, plant.rear_actuator
         self._car = car_on_road(plant.vehicle, plant.speed, plant.friction, *actuators)
         self._noise = None if noise is None else np.array(noise)
@@ -151,7 +151,7 @@ class MeasuredSignals:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._axles = axles(NUMPY, *self._form)
+        self._axles = self._model.axles(NUMPY)
 
     def read(self, states: Matrix) -> Matrix:
         """(cars, 2), ``MEASURED``, from true states (cars, 6) in the order of ``STATE_NAMES``."""

@@ -10,8 +10,8 @@ from typing import Any
 from bicycle_env.control.policy import Plant
 from bicycle_env.installation import needs
 from bicycle_env.physics import elementary
+from bicycle_env.physics.car import CarState, car_on_road
 from bicycle_env.physics.integrators import rk4
-from bicycle_env.physics.single_track import CarState, actuated_single_track, car_on_road
 
 
 def casadi() -> Any:
@@ -46,10 +46,10 @@ def control_step(plant: Plant, substeps: int) -> Any:
     actuators have their lags, but no rate limits: those have a corner, and are constraints to whoever optimises.
     """
     ca, xp = casadi(), casadi_namespace()
-    advance = rk4(xp, actuated_single_track(xp, plant.tire, plant.geometry))
+    advance = rk4(xp, CarState, plant.model.quasi_static.actuated_rates(xp))
     actuators = (plant.front_actuator, plant.rear_actuator)
     unlimited = [dataclasses.replace(actuator, rate_limit=math.inf) for actuator in actuators]
-    car = car_on_road(plant.vehicle, plant.speed, plant.friction, *unlimited)
+    car = car_on_road(plant.vehicle, plant.speed, plant.friction, unlimited[0], unlimited[1])
     state, action = ca.SX.sym("state", 6), ca.SX.sym("action", plant.action_space.shape[-1])
     command = [ca.SX(0.0), ca.SX(0.0)]
     for k, axle in enumerate(steered_axles(plant)):

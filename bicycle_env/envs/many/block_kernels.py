@@ -20,9 +20,9 @@ from bicycle_env.backends.compiled import first_bit
 from bicycle_env.backends.compiled_random import fetch, next_double
 from bicycle_env.envs.many import blocks
 from bicycle_env.envs.many.blocks import Kind, layout, shared_layout
+from bicycle_env.physics.lateral import Axles
 from bicycle_env.physics.records import reader, writer
-from bicycle_env.physics.single_track import Axles, axles
-from bicycle_env.physics.tires import Linear, Tire
+from bicycle_env.physics.tires import Linear
 from bicycle_env.tasks.control_step import car_of_the_moment, parts
 from bicycle_env.tasks.ends import body_reach
 from bicycle_env.tasks.episode import Reference
@@ -92,14 +92,16 @@ def car_functions(kind: Kind) -> CarFunctions:
     task = kind.task
     uniforms, end_column = task.uniforms, at.end * kind.length
     start_law, reference = xp.function(task.start(xp)), xp.function(task.reference(xp))
+    complete = xp.function(kind.model.complete(xp))
     outside = xp.function(task.cost(xp))
     observe_law, preview_law = xp.function(task.observe(xp)), xp.function(task.preview(xp))
 
     def begin(block: Any, k: Any, shared: Any, drawn: Any, generator: Any) -> None:
         for j in range(uniforms):
             drawn[j] = next_double(generator)
-        state, task_state = start_law(drawn, access.world(block, k, shared))
-        access.keep_state(block, k, state)
+        mine = access.world(block, k, shared)
+        state, task_state = start_law(drawn, mine)
+        access.keep_state(block, k, complete(state, mine.car))
         access.keep_episode(block, k, (0.0, 0.0, 0.0, 0.0))
         access.keep_task_state(block, k, task_state)
         block[k + end_column] = 0.0
@@ -121,11 +123,11 @@ def car_functions(kind: Kind) -> CarFunctions:
 
 
 @functools.cache
-def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
+def _step(kind: Kind, reward: Reward) -> Any:
     xp, length, entries, access, place = kind.xp, kind.length, kind.entries, blocks.access(kind), shared_layout(kind)
     task, block_columns, car = kind.task, layout(kind).width, car_functions(kind)
     block_size, uniforms = block_columns * length, task.uniforms
-    begin, advance, finish = (xp.function(law) for law in parts(xp, task, tire, geometry, reward))
+    begin, advance, finish = (xp.function(law) for law in parts(xp, task, kind.model, reward))
     keep_after = blocks.keeper(kind)
     limit_at, times, shared_size = place.step_limit, place.times, place.whole
 
@@ -302,7 +304,7 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
         numba.int64,
         numba.int64,
     )
-    waits = geometry == "exact" or not isinstance(tire, Linear)
+    waits = kind.model.geometry == "exact" or not isinstance(kind.model.tire, Linear)
     return compiled.entry_point(step, signature, nogil=True, interleave=2 if waits and length >= LONG else 0)
 
 
@@ -346,12 +348,12 @@ def beginning(kind: Kind) -> tuple[Any, Any]:
 
 
 @functools.cache
-def measuring(kind: Kind, tire: Tire, geometry: str) -> Any:
+def measuring(kind: Kind) -> Any:
     """``measure``."""
     xp, length, access = kind.xp, kind.length, blocks.access(kind)
     block_size, shared_size = layout(kind).width * length, shared_layout(kind).whole
     moment = xp.function(car_of_the_moment(xp, kind.task))
-    axles_law = xp.function(axles(xp, tire, geometry, kind.task.conditions(xp) is not None))
+    axles_law = xp.function(kind.model.axles(xp, kind.task.conditions(xp) is not None))
     reference_law = xp.function(kind.task.reference(xp))
     keep_acting = writer(xp, len(Axles._fields), 0, 1)
     keep_reference = writer(xp, len(Reference._fields), len(Axles._fields), 1)
@@ -372,24 +374,24 @@ def measuring(kind: Kind, tire: Tire, geometry: str) -> Any:
             clearance = reference.road_half_width - reach_law(state, reference, mine)
             keep_rest(out[row], 0, (now.front_peak_force, now.rear_peak_force, clearance))
 
-    with announcements.progress(label(kind, tire, geometry)):
+    with announcements.progress(label(kind)):
         return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)
 
 
-def label(kind: Kind, tire: Tire, geometry: str) -> str:
+def label(kind: Kind) -> str:
     """What is being compiled, in words."""
     many = " for many cars" if kind.length > 1 else ""
     blocks_of = f", {kind.dtype}, in blocks of {kind.length}" if many else ""
     own = ", each car with its own numbers" if kind.varied else ""
-    return f"{kind.task.name}{many} with the {type(tire).__name__} tire, {geometry} geometry{blocks_of}{own}"
+    return f"{kind.task.name}{many} with {kind.model}{blocks_of}{own}"
 
 
-def kernels(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Kernels:
+def kernels(kind: Kind, reward: Reward) -> Kernels:
     """Compile the functions of a combination, or load them from the cache on disk."""
 
     def measure(numbers: Any, out: Any) -> None:
-        measuring(kind, tire, geometry)(numbers, out)
+        measuring(kind)(numbers, out)
 
-    with announcements.progress(label(kind, tire, geometry)):
+    with announcements.progress(label(kind)):
         start, look = beginning(kind)
-        return Kernels(_step(kind, tire, geometry, reward), start, look, measure)
+        return Kernels(_step(kind, reward), start, look, measure)

@@ -13,8 +13,9 @@ import numpy as np
 
 from bicycle_env.backends.compiled import NUMBA
 from bicycle_env.backends.single_precision import NUMBA_FLOAT32
+from bicycle_env.physics.car import CarParameters
+from bicycle_env.physics.model import Model
 from bicycle_env.physics.records import reader, writer
-from bicycle_env.physics.single_track import CarParameters, CarState
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.task import Task
 
@@ -37,6 +38,7 @@ class Kind(NamedTuple):
     """What lies in a block."""
 
     task: Task
+    model: Model
     entries: int
     """Of the observation."""
     length: int
@@ -69,7 +71,7 @@ class Layout(NamedTuple):
 
 def layout(kind: Kind) -> Layout:
     """The columns of a block."""
-    sizes = [len(CarState._fields), len(KEPT), 1, len(kind.task.TaskState._fields)]
+    sizes = [len(kind.model.State._fields), len(KEPT), 1, len(kind.task.TaskState._fields)]
     own = [len(CarParameters._fields), len(kind.task.Settings._fields), kind.entries]
     return Layout(*_places([*sizes, *(size if kind.varied else 0 for size in own)]))
 
@@ -128,7 +130,7 @@ class Access(NamedTuple):
     world: Any
     """``world(block, k, shared) -> World`` of a car."""
     state: Any
-    """``state(block, k) -> CarState``."""
+    """``state(block, k)``, as the model's State."""
     task_state: Any
     """``task_state(block, k)``."""
     episode: Any
@@ -194,10 +196,10 @@ def access(kind: Kind) -> Access:
     return Access(
         xp.function(shared),
         xp.function(world),
-        reader(xp, CarState, at.state, length),
+        reader(xp, kind.model.State, at.state, length),
         task_state,
         xp.function(episode),
-        writer(xp, len(CarState._fields), at.state, length),
+        writer(xp, len(kind.model.State._fields), at.state, length),
         writer(xp, len(KEPT), at.kept, length),
         writer(xp, len(TaskState._fields), at.task_state, length),
         xp.function(scaling),

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from bicycle_env.envs.fleet import Fleet, is_sequence, number_column
 from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_numbers
-from bicycle_env.physics.single_track import CarState
+from bicycle_env.physics.car import CarState
+from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.tasks.episode import World
 from bicycle_env.tasks.task import Allowed, Task, allowed_number, checked_state
 
@@ -26,13 +27,13 @@ class Rows:
 
     def __init__(self, kind: Kind, fleet: Fleet, num_envs: int, step_limit: int | None) -> None:
         first, at, dtype = fleet.configuration, layout(kind), np.dtype(kind.dtype)
-        self._task = kind.task
+        self._state_record = first.State
         self._num_envs = num_envs
         self.blocks = -(-num_envs // kind.length)
         self._names = {
             name: column
             for column, name in enumerate(
-                (*CarState._fields, *KEPT, "end", *kind.task.TaskState._fields), start=at.state
+                (*kind.model.State._fields, *KEPT, "end", *kind.task.TaskState._fields), start=at.state
             )
         }
         shared = shared_numbers(
@@ -91,9 +92,9 @@ class Rows:
         self._columns[rows // length, :, rows % length] = copy
 
     def state(self, control_timestep: float) -> Any:
-        """The task's State, of arrays (num_envs,)."""
-        values = {name: self.column(name) for name in self._task.State._fields if name != "time"}
-        return self._task.State(**values, time=self.column("steps") * control_timestep)
+        """The configuration's State, of arrays (num_envs,)."""
+        values = {name: self.column(name) for name in self._state_record._fields if name != "time"}
+        return self._state_record(**values, time=self.column("steps") * control_timestep)
 
 
 def checked_mask(mask: Any, num_envs: int) -> NDArray[np.bool_]:
@@ -112,7 +113,9 @@ def checked_start(task: Task, options: Any, fleet: Fleet, num_envs: int, dtype: 
     given = task.check_options(options, ("reset_mask",))
     changes: dict[str, Any] = {}
     if "state" in given:
-        changes |= _checked_states(given["state"], fleet, num_envs, dtype)
+        changes = _checked_states(given["state"], fleet, num_envs, dtype)
+        placed = CarState(*(changes[name] for name in CarState._fields))
+        changes = {**fleet.configuration.model.complete(NUMPY)(placed, fleet.car)._asdict(), **changes}
     unset = task.TaskState(*([math.nan] * len(task.TaskState._fields)))
 
     def read(name: str, value: Any, allowed: Allowed) -> Any:
@@ -126,15 +129,18 @@ def _checked_states(given: Any, fleet: Fleet, num_envs: int, dtype: str) -> dict
     """The least and the greatest value of each name are checked, for all."""
     actuators = (fleet.configuration.front_actuator, fleet.configuration.rear_actuator)
     # A float32 state may be the limit rounded up.
+    own = fleet.configuration.model.own
     front, rear = (max(one.angle_limit, float(np.dtype(dtype).type(one.angle_limit))) for one in actuators)
     if not isinstance(given, Mapping):
-        return checked_state(given, front, rear)
+        return checked_state(given, front, rear, own=own)
     columns: dict[str, Column] = {}
     for name, value in given.items():
         if is_sequence(value):
             columns[name] = number_column(f"options['state'][{name!r}]", value, num_envs)
-    checked_state({**given, **{name: np.min(column) for name, column in columns.items()}}, front, rear)
-    values = checked_state({**given, **{name: np.max(column) for name, column in columns.items()}}, front, rear)
+    checked_state({**given, **{name: np.min(column) for name, column in columns.items()}}, front, rear, own=own)
+    values = checked_state(
+        {**given, **{name: np.max(column) for name, column in columns.items()}}, front, rear, own=own
+    )
     return {**values, **columns}
 
 

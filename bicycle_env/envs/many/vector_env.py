@@ -25,7 +25,6 @@ from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import remark
 from bicycle_env.envs.told import Told, read_only, tell
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, flag, known_keys, whole
 from bicycle_env.tasks.ends import INVALID_ACTION
 from bicycle_env.tasks.episode import EpisodeState, World
@@ -66,7 +65,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             end code 3, while the others go on.
         telemetry: more in ``info``.
         render_mode: must be None: draw with a single environment.
-        keywords: those of the single environment. vehicle, speed, speed_ratio and friction take one value or num_envs.
+        keywords: those of the single environment. vehicle, speed, speed_ratio, friction and
+            relaxation_length take one value or num_envs.
 
     ``info``: ``end`` (num_envs,) int8, see ``end_names``; ``cost`` (num_envs,).
     """
@@ -126,6 +126,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
         self._kind = blocks.Kind(
             self.task,
+            self.model,
             len(bound),
             blocks.best_length(self.num_envs),
             self.fleet.varied,
@@ -142,7 +143,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._bind()
 
     def _bind(self) -> None:
-        self._kernels = block_kernels.kernels(self._kind, self.tire, self.geometry, self.reward)
+        self._kernels = block_kernels.kernels(self._kind, self.reward)
         self._step = self._kernels.step
         self._numbers, self._blocks = self._rows.numbers, self._rows.blocks
         self._threads = Threads(self.threads, self.num_envs, self._blocks)
@@ -270,7 +271,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         if not self._started:
             self._refuse_if_closed("snapshot()")
             raise gym.error.ResetNeeded("call reset() before snapshot()")
-        return VectorSnapshot(self._rows.episodes.copy(), self._generators.states(), self.task.State._fields)
+        return VectorSnapshot(self._rows.episodes.copy(), self._generators.states(), self.configuration.State._fields)
 
     def restore(self, snapshot: VectorSnapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observations there."""
@@ -302,12 +303,13 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             zero = np.zeros(self.num_envs)
             episode = EpisodeState(state.front_steer_command, state.rear_steer_command, zero, zero, own)
             world = World(fleet.car, self.rules, fleet.settings)
-            filled = law(CarState(*(getattr(state, name) for name in CarState._fields)), episode, world)
+            place = self.model.State(*(getattr(state, name) for name in self.model.State._fields))
+            filled = law(place, episode, world)
             self._rows.put(filled._asdict(), mask)
 
     def _fits(self, snapshot: VectorSnapshot) -> bool:
         mine, theirs = self._rows.episodes, snapshot.rows
-        if snapshot.names not in ((), self.task.State._fields):
+        if snapshot.names not in ((), self.configuration.State._fields):
             return False
         return (mine.shape, mine.dtype, self.num_envs) == (theirs.shape, theirs.dtype, len(snapshot.generators))
 

@@ -16,7 +16,6 @@ from bicycle_env.backends import announcements, compiled
 from bicycle_env.envs.many import block_kernels, blocks
 from bicycle_env.envs.many.block_kernels import BAD_ACTION
 from bicycle_env.envs.many.blocks import Kind, shared_layout
-from bicycle_env.physics.tires import Tire
 from bicycle_env.tasks.control_step import transition
 from bicycle_env.tasks.rewards import Reward
 
@@ -32,9 +31,9 @@ class Kernels(NamedTuple):
 
 
 @functools.cache
-def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
+def _step(kind: Kind, reward: Reward) -> Any:
     xp, access, car, place = kind.xp, blocks.access(kind), block_kernels.car_functions(kind), shared_layout(kind)
-    step_law = xp.function(transition(xp, kind.task, tire, geometry, reward))
+    step_law = xp.function(transition(xp, kind.task, kind.model, reward))
     keep_after = blocks.keeper(kind)
     size, times, entries = place.whole, place.times, kind.entries
 
@@ -66,12 +65,12 @@ def _step(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Any:
     return compiled.entry_point(step, result(row, numba.float32[::1], numba.float64, numba.float64))
 
 
-def kernels(kind: Kind, tire: Tire, geometry: str, reward: Reward) -> Kernels:
+def kernels(kind: Kind, reward: Reward) -> Kernels:
     """Compiled functions, shared by all environments of the same combination in this process."""
 
     def measure(numbers: Any, out: Any) -> None:
-        block_kernels.measuring(kind, tire, geometry)(numbers, out)
+        block_kernels.measuring(kind)(numbers, out)
 
-    with announcements.progress(block_kernels.label(kind, tire, geometry)):
+    with announcements.progress(block_kernels.label(kind)):
         start, look = block_kernels.beginning(kind)
-        return Kernels(start, look, _step(kind, tire, geometry, reward), measure)
+        return Kernels(start, look, _step(kind, reward), measure)

@@ -17,15 +17,15 @@ from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configured, configure
 from bicycle_env.envs.fleet import alike
 from bicycle_env.envs.many.block_kernels import BAD_ACTION
-from bicycle_env.envs.many.blocks import KEPT, Kind, shared_layout
+from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_layout
 from bicycle_env.envs.many.rows import Rows
 from bicycle_env.envs.setup import NAMES, shown_in, taken_from
 from bicycle_env.envs.single import kernels
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
 from bicycle_env.envs.told import read_only, tell
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.elementary import PYTHON
-from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, flag, known_keys
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.task import Task, checked_state
@@ -35,10 +35,7 @@ ONE_CAR = ("telemetry", "render_mode")
 """Keywords of the single environment that are no part of a car."""
 FLOAT32 = np.dtype(np.float32)
 ONE = np.ones(1, dtype=np.bool_)
-STEPS, SETTLED = (len(CarState._fields) + KEPT.index(name) for name in ("steps", "settled_steps"))
-TASK_STATE = len(CarState._fields) + len(KEPT) + 1
-"""Where the episode's numbers stand."""
-
+STEPS, SETTLED = KEPT.index("steps"), KEPT.index("settled_steps")
 
 OF_MANY = ("num_envs", "dtype", "threads", "autoreset_mode", "staggered_start", "on_invalid")
 ELSEWHERE = {"seed": "reset(seed=...)", **dict.fromkeys(OF_MANY, "gym.make_vec(...), without vectorization_mode")}
@@ -79,10 +76,11 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         self._action_shape = (configuration.axles,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
-        self._kind = Kind(self.task, len(bound), 1, False, "float64")
+        self._kind = Kind(self.task, self.model, len(bound), 1, False, "float64")
         self._rows = Rows(self._kind, alike(configuration), 1, None)
+        self._at = layout(self._kind)
         self._observation_size = len(bound)
-        self._car = configuration.car
+        self._car, self._state_record = configuration.car, configuration.State
         self._end_names = configuration.end_names
         self._end_code = BAD_ACTION  # not yet reset
         self._warned = False
@@ -91,7 +89,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._bind()
 
     def _bind(self) -> None:
-        self._kernels = kernels.kernels(self._kind, self.tire, self.geometry, self.reward)
+        self._kernels = kernels.kernels(self._kind, self.reward)
         self._step = self._step_after_close if self.closed else self._kernels.step
         self._numbers = self._rows.numbers
         self._episode = self._rows.episodes[0, :, 0]
@@ -117,15 +115,18 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             self._ask_for_the_limit()
         given = self.task.check_options(options)
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
-        state = checked_state(given["state"], *limits) if "state" in given else None
+        state = checked_state(given["state"], *limits, own=self.model.own) if "state" in given else None
         changes = self.task.option_numbers(given)
         super().reset(seed=seed)
         self._kernels.start(self._numbers, ONE, addresses([self.np_random]))
         if given:
+            at = self._at
             if state is not None:
-                self._episode[:STEPS] = [state[name] for name in self.task.State._fields[:STEPS]]
-            task_state = self.task.TaskState(*self._episode[TASK_STATE:])
-            self._episode[TASK_STATE:] = self.task.task_state_with(task_state, changes, self.speed)
+                placed = CarState(*(state[name] for name in CarState._fields))
+                state = {**self.model.complete(PYTHON)(placed, self._car)._asdict(), **state}
+                self._episode[: at.kept + 2] = [state[name] for name in (*self.model.State._fields, *KEPT[:2])]
+            task_state = self.task.TaskState(*self._episode[at.task_state :])
+            self._episode[at.task_state :] = self.task.task_state_with(task_state, changes, self.speed)
             self._refill()
         observation, cost = self._look()
         self._end_code = 0
@@ -188,8 +189,9 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     @property
     def state(self) -> Any:
         """The present state as a named tuple of floats, SI units."""
-        values = self._episode.tolist()
-        return self.task.State(*values[:STEPS], values[STEPS] * self.control_timestep, *values[TASK_STATE:])
+        values, steps = self._episode.tolist(), self._at.kept + STEPS
+        own = values[self._at.task_state :]
+        return self._state_record(*values[:steps], values[steps] * self.control_timestep, *own)
 
     @state.setter
     def state(self, _value: Any) -> None:
@@ -203,7 +205,9 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     @property
     def is_success(self) -> bool:
         """Whether the car is running and has been settled for the last second: at a time-out, a success."""
-        return self._end_code == 0 and bool(self._episode[SETTLED] >= self.configuration.steps_to_settle)
+        return self._end_code == 0 and bool(
+            self._episode[self._at.kept + SETTLED] >= self.configuration.steps_to_settle
+        )
 
     def measure(self) -> dict[str, float]:
         """Slip angles, forces, accelerations and the reference in the present state, by the names of the telemetry."""
@@ -213,15 +217,15 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     def snapshot(self) -> Snapshot:
         """The whole state, random generator included; not the step count of a wrapper such as TimeLimit."""
-        names = self.task.State._fields
+        names = self._state_record._fields
         return Snapshot(self._episode.copy(), self._end_code, self.np_random.bit_generator.state, names)
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observation there."""
         if not isinstance(snapshot, Snapshot):
             raise TypeError(f"snapshot must come from snapshot(), got {type(snapshot)!r}")
-        if snapshot.episode.shape != self._episode.shape or snapshot.names not in ((), self.task.State._fields):
-            mine, theirs = self.task.State._fields, snapshot.names
+        if snapshot.episode.shape != self._episode.shape or snapshot.names not in ((), self._state_record._fields):
+            mine, theirs = self._state_record._fields, snapshot.names
             raise TypeError(
                 "snapshot must come from snapshot() of an environment of the same id and keywords: its state has "
                 f"{', '.join(sorted(set(theirs) ^ set(mine))) or 'other numbers'} more or less"
@@ -237,11 +241,12 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         """What the task keeps of a start, after the start was changed by options."""
         law = self.task.refilled(PYTHON)
         if law is not None:
-            values, configuration = self._episode.tolist(), self.configuration
-            own = self.task.TaskState(*values[TASK_STATE:])
-            episode = EpisodeState._make([*values[len(CarState._fields) : TASK_STATE - 1], own])
+            values, configuration, at = self._episode.tolist(), self.configuration, self._at
+            own = self.task.TaskState(*values[at.task_state :])
+            episode = EpisodeState._make([*values[at.kept : at.end], own])
             world = World(configuration.car, configuration.rules, configuration.settings)
-            self._episode[TASK_STATE:] = law(CarState(*values[: len(CarState._fields)]), episode, world)
+            state = self.model.State(*values[: at.kept])
+            self._episode[at.task_state :] = law(state, episode, world)
 
     def _look(self) -> tuple[NDArray[np.float32], float]:
         """Observation and cost of the episode as it is."""

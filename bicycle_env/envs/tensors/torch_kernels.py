@@ -6,14 +6,14 @@ flow through it. torch is handed in: it is imported when an environment is made,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import FunctionType
 from typing import Any, NamedTuple
 
 from bicycle_env.envs.fleet import Fleet
 from bicycle_env.envs.telemetry import PEAKS
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import array_namespace
-from bicycle_env.physics.single_track import CarParameters, CarState, axles
 from bicycle_env.tasks.control_step import car_of_the_moment, parts
 from bicycle_env.tasks.ends import INVALID_ACTION, RUNNING, body_reach
 from bicycle_env.tasks.episode import EpisodeState, World
@@ -28,7 +28,8 @@ short ones are shared, and what shares them still becomes one loop: half a minut
 class Episodes(NamedTuple):
     """All that changes while the cars drive: tensors (num_envs,)."""
 
-    state: CarState
+    state: Any
+    """The model's State."""
     episode: EpisodeState
     end: Tensor
     """int8, the codes of ``bicycle_env.tasks.ends``."""
@@ -54,6 +55,8 @@ class TorchKernels(NamedTuple):
     """
     restart: Callable[[Tensor, Tensor, Episodes], Episodes]
     """``restart(rows, uniforms, episodes)``: random starts in the rows of a mask."""
+    complete: Callable[[Mapping[str, Tensor]], Any]
+    """The model's State of a CarState's values by name."""
     refill: Callable[[Episodes], Episodes]
     """What the task keeps of a start, after the starts were changed by options."""
     look: Callable[[Episodes], tuple[Tensor, Tensor]]
@@ -82,7 +85,7 @@ def torch_kernels(
 ) -> TorchKernels:
     """Bind the laws to torch; `step_limit`: control steps until the time-out."""
     configuration = fleet.configuration
-    task, tire, geometry, rules = configuration.task, configuration.tire, configuration.geometry, configuration.rules
+    task, model, rules = configuration.task, configuration.model, configuration.rules
     xp = array_namespace(torch, dtype)
 
     def tensor(value: Any) -> Tensor:
@@ -93,22 +96,26 @@ def torch_kernels(
     per_scale = tensor(1.0 / fleet.observation_scale)
     bound = torch.tensor(configuration.observation_bound, device=device)
     times = tensor(task.preview_times).unsqueeze(1)
-    begin, advance, finish = parts(xp, task, tire, geometry, configuration.reward)
-    start_law, reference_law, cost_law = task.start(xp), task.reference(xp), task.cost(xp)
+    begin, advance, finish = parts(xp, task, model, configuration.reward)
+    complete, start_law, reference_law, cost_law = model.complete(xp), task.start(xp), task.reference(xp), task.cost(xp)
     observe, preview = task.observe(xp), task.preview(xp)
     changing = task.conditions(xp) is not None
     moment = car_of_the_moment(xp, task)
-    axles_law, forfeit_law = axles(xp, tire, geometry, changing), configuration.reward.forfeit(xp)
+    axles_law, forfeit_law = model.axles(xp, changing), configuration.reward.forfeit(xp)
     reach_law, physics_timestep = body_reach(xp), configuration.physics_timestep
 
     start_of_step = tensor(0.0) if changing else 0.0  # a tensor, so that the compiler takes no number for a constant
 
     def start(uniforms: Tensor) -> Episodes:
         state, task_state = start_law(uniforms.unbind(), world)
+        state = complete(state, car)
         zero = 0.0 * state.heading
         episode = EpisodeState(zero, zero, zero, zero, mapped(lambda value: value.expand(num_envs), task_state))
         running = zero.to(torch.int8)
         return Episodes(state, episode, running, running != RUNNING)
+
+    def completed(values: Mapping[str, Tensor]) -> Any:
+        return complete(CarState(*(values[name] for name in CarState._fields)), car)
 
     def refill(episodes: Episodes) -> Episodes:
         law, episode = task.refilled(xp), episodes.episode
@@ -128,13 +135,12 @@ def torch_kernels(
         pair = (steers[0] * rules.steers_front, steers[-1] * rules.steers_rear)
         return finite, pair, *begin(before.state, before.episode, pair, world)
 
-    def substep(state: CarState, episode: EpisodeState, command: tuple[Tensor, Tensor], elapsed: Any) -> CarState:
-        advanced: CarState = advance(state, episode, command, elapsed, world)
-        return advanced
+    def substep(state: Any, episode: EpisodeState, command: tuple[Tensor, Tensor], elapsed: Any) -> Any:
+        return advance(state, episode, command, elapsed, world)
 
     def conclude(
         before: Episodes,
-        state: CarState,
+        state: Any,
         finite: Tensor,
         pair: tuple[Tensor, Tensor],
         command: tuple[Tensor, Tensor],
@@ -178,7 +184,7 @@ def torch_kernels(
             elapsed = elapsed + physics_timestep if changing else elapsed
         return conclude(before, state, finite, pair, command, number)
 
-    return TorchKernels(start, step, restart, refill, look, measure, car)
+    return TorchKernels(start, step, restart, completed, refill, look, measure, car)
 
 
 def _compiled(torch: Any, law: Any) -> Any:

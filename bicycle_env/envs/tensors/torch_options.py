@@ -18,15 +18,23 @@ class TorchOptions:
     """Reads values; of one per car the least and the greatest are checked on the host, for all."""
 
     def __init__(
-        self, torch: Any, num_envs: int, device: Any, dtype: Any, front_limit: float, rear_limit: float
+        self,
+        torch: Any,
+        num_envs: int,
+        device: Any,
+        dtype: Any,
+        front_limit: float,
+        rear_limit: float,
+        own: tuple[str, ...],
     ) -> None:
         self._torch, self._num_envs, self._device, self._dtype = torch, num_envs, device, dtype
+        self._own = own
         # A float32 state may be the limit rounded up.
         self._front_limit = max(front_limit, float(torch.tensor(front_limit, dtype=dtype)))
         self._rear_limit = max(rear_limit, float(torch.tensor(rear_limit, dtype=dtype)))
 
     def state(self, given: Any, label: str) -> dict[str, Tensor]:
-        """All settable state names, 0 where not given; errors as ``checked_state``."""
+        """Values and errors of ``checked_state``, a tensor each."""
         columns: dict[str, Tensor] = {}
         if isinstance(given, Mapping):
             for name, value in given.items():
@@ -34,9 +42,9 @@ class TorchOptions:
                 if column is not None:
                     columns[name] = column
             least = {**given, **{name: float(column.detach().min()) for name, column in columns.items()}}
-            checked_state(least, self._front_limit, self._rear_limit, label)
+            checked_state(least, self._front_limit, self._rear_limit, label, self._own)
             given = {**given, **{name: float(column.detach().max()) for name, column in columns.items()}}
-        values = checked_state(given, self._front_limit, self._rear_limit, label)
+        values = checked_state(given, self._front_limit, self._rear_limit, label, self._own)
         return {name: columns[name] if name in columns else self.filled(value) for name, value in values.items()}
 
     def numbers(self, name: str, value: Any, low: float, high: float = math.inf) -> Tensor:

@@ -24,7 +24,6 @@ from bicycle_env.envs.tensors.torch_kernels import Episodes, Tensor, chosen, map
 from bicycle_env.envs.tensors.torch_options import TorchOptions
 from bicycle_env.envs.time_limit import remark
 from bicycle_env.envs.told import read_only, tell
-from bicycle_env.physics.single_track import CarState
 from bicycle_env.physics.validation import choice, flag, known_keys, whole
 from bicycle_env.tasks.ends import RUNNING
 
@@ -142,7 +141,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         tensors = (torch, self.fleet, self.num_envs, self.device, self.dtype)
         self._kernels = torch_kernels(*tensors, step_limit, self._compiled)
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
-        self._options = TorchOptions(torch, self.num_envs, self.device, self.dtype, *limits)
+        self._options = TorchOptions(torch, self.num_envs, self.device, self.dtype, *limits, self.model.own)
 
     @functools.cached_property
     def observation_space(self) -> spaces.Space[Any]:  # type: ignore[override]
@@ -188,7 +187,10 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         if seed is not None:
             self._np_random, self._np_random_seed = seeding.np_random(seed)
             self._generator.manual_seed(shortened(seed))
-        fresh = self._with_task_state(self._with_state(self._kernels.start(self._uniforms()), values), changes)
+        fresh = self._kernels.start(self._uniforms())
+        if values:
+            fresh = self._with_state(fresh, {**self._kernels.complete(values)._asdict(), **values})
+        fresh = self._with_task_state(fresh, changes)
         fresh = self._kernels.refill(fresh) if given else fresh
         if self.staggered_start and self._episodes is None and self.max_episode_steps is not None:
             steps = self._torch.arange(self.num_envs, device=self.device) * self.max_episode_steps // self.num_envs
@@ -243,7 +245,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         """The present state as the task's named tuple of tensors (num_envs,), SI units."""
         state, episode, *_ = self._begun("state")
         commands = (episode.front_steer_command, episode.rear_steer_command)
-        values = self.task.State(*state, *commands, episode.steps * self.control_timestep, *episode.task_state)
+        values = self.configuration.State(*state, *commands, episode.steps * self.control_timestep, *episode.task_state)
         return mapped(lambda value: value.clone(), values)
 
     @state.setter
@@ -267,7 +269,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         episodes = self._begun("set_state()")
         if not isinstance(state, Mapping):
             raise TypeError(f"state must be a mapping of state names to numbers, got {state!r}")
-        known_keys("state name", state, self.task.State._fields)
+        known_keys("state name", state, self.configuration.State._fields)
         beyond = {name: value for name, value in state.items() if name in ("time", *self.task.TaskState._fields)}
         values = self._options.state({name: state[name] for name in state if name not in beyond}, "state")
         episode = episodes.episode
@@ -344,8 +346,8 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         return observation, info
 
     def _with_state(self, episodes: Episodes, values: Mapping[str, Tensor]) -> Episodes:
-        state = {name: value for name, value in values.items() if name in CarState._fields}
-        commands = {name: value for name, value in values.items() if name not in CarState._fields}
+        state = {name: value for name, value in values.items() if name in self.model.State._fields}
+        commands = {name: value for name, value in values.items() if name not in self.model.State._fields}
         return episodes._replace(state=episodes.state._replace(**state), episode=episodes.episode._replace(**commands))
 
     def _with_task_state(self, episodes: Episodes, numbers: Mapping[str, Any]) -> Episodes:
