@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_env.control.design.estimation import Disturbance, MeasuredSignals, Noise, sideslip_filter
+from bicycle_env.analysis.linear_model import STATE_NAMES
+from bicycle_env.control.design.estimation import MEASURED, Disturbance, MeasuredSignals, Noise, sideslip_filter
 from bicycle_env.control.design.observation_map import Reading
-from bicycle_env.control.lqr import LQR, Weights
+from bicycle_env.control.lqr import Weights, design_model, discrete_design
 from bicycle_env.control.policy import Array, Plant, Policy
 from bicycle_env.control.remembered import Remembered
 
 Matrix = NDArray[np.float64]
 
 BODY, STEER = slice(2, 4), slice(4, 6)
+WITHOUT_SIDESLIP = tuple(name for name in STATE_NAMES[1:] if name != "lateral_velocity")
 
 
 class LQG(Policy):
@@ -22,6 +24,8 @@ class LQG(Policy):
     Lateral position, heading and the path ahead are a lane camera's, the road-wheel angles the steering's own sensors';
     they are taken as they are. The lateral velocity of the observation never reaches the estimate: it only serves to
     compute what an accelerometer in the simulated car would read (``control.design.estimation.MeasuredSignals``).
+    Where the observation itself has a lateral acceleration (``sensors=Sensors(signals=...)``) that one is taken, and no
+    lateral velocity is needed: so gusts and another road are in the measurement.
     The filter is linear as the LQR is, and starts from what the first measurement says. It remembers: call ``reset``
     when an episode starts.
 
@@ -46,10 +50,12 @@ class LQG(Policy):
         sensor_noise: Noise | None = None,
         seed: int = 0,
     ) -> None:
-        regulator = LQR(plant, weights)
-        self.model, self.gain, self.preview = regulator.model, regulator.gain, regulator.preview
+        self.model = design_model(plant, None)
+        self.gain, self.preview = discrete_design(plant, self.model, plant.speed, weights)
         self.filter = sideslip_filter(plant, noise, disturbance)
-        self._reading = Reading(plant)
+        names = list(plant.observation_names)
+        self._measured = [names.index(name) for name in MEASURED] if set(MEASURED) <= set(names) else None
+        self._reading = Reading(plant, STATE_NAMES[1:] if self._measured is None else WITHOUT_SIDESLIP)
         self._sensors = MeasuredSignals(getattr(plant, "driven", plant), sensor_noise, seed)
         self._remembered = Remembered(3)  # predicted lateral velocity and yaw rate; 1 once there is a prediction
 
@@ -60,7 +66,7 @@ class LQG(Policy):
         cars = np.atleast_2d(np.asarray(observation, np.float64)) * self._reading.scale
         remembered = self._remembered.of(len(cars))
         states = cars @ self._reading.state
-        steer, measured = states[:, STEER], self._sensors.read(states)
+        steer, measured = states[:, STEER], self._measure(cars, states)
         at_rest = np.concatenate([steer, np.zeros((len(cars), len(self.gain)))], axis=1)  # D knows no action
         predicted = np.where(remembered[:, 2:] > 0.0, remembered[:, :2], self.filter.first(at_rest, measured))
         innovation = self.filter.innovation(predicted, at_rest, measured)
@@ -72,3 +78,7 @@ class LQG(Policy):
         remembered[:, :2] = self.filter.predict(estimate, innovation, np.concatenate([steer, action], axis=1))
         remembered[:, 2] = 1.0
         return np.asarray(action, np.float32).reshape(*np.shape(observation)[:-1], len(self.gain))
+
+    def _measure(self, cars: Matrix, states: Matrix) -> Matrix:
+        """(cars, 2), ``MEASURED``."""
+        return self._sensors.read(states) if self._measured is None else cars[:, self._measured]

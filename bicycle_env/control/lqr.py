@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuous_model, rk4_map
 from bicycle_env.control.design.gains import continuous_preview_gain, preview_gain, zero_order_hold
-from bicycle_env.control.design.observation_map import Reading, interpolation
+from bicycle_env.control.design.observation_map import Reading, interpolation, look_ahead_times
 from bicycle_env.control.policy import Array, Plant, Policy
 from bicycle_env.files import number_in, read_json, table
 from bicycle_env.physics.validation import checked_speed, choice, number
@@ -160,7 +160,7 @@ class ContinuousLQR(StateFeedback):
     def __init__(self, plant: Plant, weights: Weights | None = None) -> None:
         model = continuous_design_model(plant)
         Q, R = cost_matrices(plant, weights, plant.speed)
-        times = Reading(plant).times
+        times = look_ahead_times(plant)
         intervals = 4 * max(1, round(times[-1] / plant.control_timestep)) if len(times) > 1 else 0
         grid = np.linspace(0.0, times[-1], intervals + 1)
         wanted = np.zeros((len(grid), len(STATE_NAMES), len(times)))
@@ -246,7 +246,7 @@ class ScheduledLQR(Policy):
 def discrete_design(plant: Plant, model: LinearModel, speed: float, weights: Weights | None) -> tuple[Matrix, Matrix]:
     """Gain (axles, 6) and preview (axles, points) of the discrete LQR for a model at a speed [m/s]."""
     Q, R = cost_matrices(plant, weights, speed)
-    times = Reading(plant).times
+    times = look_ahead_times(plant)
     horizon = preview_steps(times, model.timestep)
     wanted = wanted_states(speed * model.timestep, model.timestep, horizon)
     gain, per_step = preview_gain(model.A, model.B, Q, R, wanted, horizon)

@@ -9,7 +9,7 @@ import torch
 from combinations import only_all
 from gymnasium.envs.registration import EnvSpec
 
-from bicycle_env import Sensors
+from bicycle_env import Sensors, control
 from bicycle_env.envs import TorchVectorEnv
 
 STAB, LANE = "BicycleStab-v0", "BicycleLaneChange-v0"
@@ -107,3 +107,82 @@ def test_plain_forms():
 def test_a_mistake_is_named(sensors, match):
     with pytest.raises((TypeError, ValueError), match=match):
         gym.make(STAB, **QUICK, sensors=sensors)
+
+
+CAR = ("yaw_rate", "lateral_acceleration", "front_steer", "rear_steer", "front_steer_command", "rear_steer_command")
+
+
+@pytest.mark.parametrize("env_id", [STAB, only_all(LANE)])
+@pytest.mark.parametrize("late", [{}, {"observation_delay": 2, "relaxation_length": 0.4}])
+def test_what_a_car_measures_is_the_same_for_one_car_many_and_tensors(env_id, late):
+    given = {**QUICK, **late, "sensors": Sensors(signals="car", noise={"lateral_acceleration": 0.2})}
+    many = gym.make_vec(env_id, CARS, **given, autoreset_mode="Disabled")
+    tensors = TorchVectorEnv(env_id, CARS, **given, autoreset_mode="Disabled")
+    alone = [gym.make(env_id, **given) for _ in range(CARS)]
+    assert many.unwrapped.observation_names[:7] == (*CAR, "lateral_position")
+    assert len(many.unwrapped.observation_names) == 7 + len(many.unwrapped.task.preview_times)
+    options = {"state": {"yaw_rate": 0.1, "heading": 0.02}}
+    observation, _ = many.reset(seed=3, options=options)
+    for k, env in enumerate(alone):
+        assert env.reset(seed=3 + k, options=options)[0].tobytes() == observation[k].tobytes()
+    tensors.reset(seed=0)
+    tensors.set_state({name: torch.from_numpy(values) for name, values in many.unwrapped.state._asdict().items()})
+    over = np.zeros(CARS, bool)
+    for action in actions():
+        observation, reward, terminated, truncated, _ = many.step(action)
+        seen, *_ = tensors.step(torch.from_numpy(action))
+        for k in np.flatnonzero(~over):
+            expected = alone[k].step(action[k])
+            assert (observation[k].tobytes(), reward[k]) == (expected[0].tobytes(), expected[1])
+            np.testing.assert_allclose(seen[k].numpy(), observation[k], rtol=1e-6, atol=1e-6)
+        over |= terminated | truncated
+
+
+def test_an_accelerometer_feels_the_mean_of_the_step_gusts_included():
+    gust = {"name": "gust", "force": 1500.0, "start": 0.1, "duration": 0.2, "side": "left"}
+    given = {**QUICK, "control_timestep": 0.004, "physics_timestep": 0.001, "disturbances": [gust], "telemetry": True}
+    env = gym.make(STAB, **given, sensors=Sensors(signals=("lateral_acceleration", "yaw_rate"))).unwrapped
+    _, before = env.reset(options={"state": {"lateral_velocity": 0.5}})
+    assert env.observation_names == ("lateral_acceleration", "yaw_rate")
+    largest = 0.0
+    for k in range(60):
+        observation, _, _, _, after = env.step(np.array([0.3, 0.0]))
+        told = float(observation[0]) * env.observation_scale[0]
+        mean = 0.5 * (before["lateral_acceleration"] + after["lateral_acceleration"])
+        if k not in (24, 25, 74, 75):  # where the gust begins and ends within a step
+            assert told == pytest.approx(mean, abs=2e-3)
+        largest, before = max(largest, abs(told)), after
+    assert largest > 1.0
+
+
+def test_signals_come_in_the_order_asked_for_and_with_their_mirror_image():
+    env = gym.make(LANE, **QUICK, sensors=Sensors(signals=["heading", "preview", "lateral_position"])).unwrapped
+    assert env.observation_names[:2] == ("heading", "lateral_position")
+    assert len(env.observation_names) == 2 + len(env.task.preview_times)
+    assert not gym.make(LANE, **QUICK, sensors=Sensors(signals=["heading"])).unwrapped.task.preview_times
+
+
+def test_a_controller_says_what_it_misses_and_lqg_takes_the_accelerometer():
+    signals = (*CAR, "lateral_position", "heading")
+    env = gym.make(STAB, **QUICK, sensors=Sensors(signals=signals), speed_ratio=1.2).unwrapped
+    with pytest.raises(ValueError, match="needs lateral_velocity in the observation, which has yaw_rate"):
+        control.make("lqr", env)
+    policy = control.make("lqg", env)
+    observation, _ = env.reset(options={"state": {"lateral_velocity": 1.0, "yaw_rate": 0.1}})
+    for _ in range(300):
+        observation, *_ = env.step(policy.act(observation))
+    assert env.is_success
+
+
+@pytest.mark.parametrize(
+    ("signals", "match"),
+    [
+        (("yawrate",), "did you mean 'yaw_rate'"),
+        ("all", "signals must be None, 'car' or names"),
+        ((), "each once"),
+        (("heading", "heading"), "each once"),
+    ],
+)
+def test_signals_that_are_none(signals, match):
+    with pytest.raises((TypeError, ValueError), match=match):
+        gym.make(STAB, **QUICK, sensors={"signals": signals})

@@ -15,6 +15,9 @@ Matrix = NDArray[np.float64]
 class Reading:
     """Linear maps of the observation, as matrices that it is multiplied with from the left.
 
+    Args:
+        needed: those of ``STATE_NAMES`` without which it cannot be; ValueError names the missing.
+
     Attributes:
         scale: (entries,), SI value per unit of the observation.
         state: (entries, 6), SI entries to ``STATE_NAMES``. Lateral positions are counted from the car: the first is 0.
@@ -22,16 +25,22 @@ class Reading:
         times: (points,), s ahead; the first is now, the others are the task's preview.
     """
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: Plant, needed: tuple[str, ...] = STATE_NAMES[1:]) -> None:
         names = plant.observation_names
+        lateral = "lateral_error" if "lateral_error" in names else "lateral_position"
+        missing = [name for name in (lateral, *needed) if name not in names]
+        if missing:
+            raise ValueError(
+                f"this controller needs {', '.join(missing)} in the observation, which has {', '.join(names)}"
+            )
         self.scale = plant.observation_scale
-        self.times = np.array([0.0, *plant.task.preview_times])
+        self.times = look_ahead_times(plant)
         self.state = np.zeros((len(names), len(STATE_NAMES)))
-        for j, name in enumerate(STATE_NAMES[1:], start=1):
-            self.state[names.index(name), j] = 1.0
+        for name in needed:
+            self.state[names.index(name), STATE_NAMES.index(name)] = 1.0
         points = len(self.times)
         self.path = np.zeros((len(names), points))
-        self.path[names.index("lateral_error" if "lateral_error" in names else "lateral_position"), 0] = -1.0
+        self.path[names.index(lateral), 0] = -1.0
         if points > 1:
             self.path[-(points - 1) :, 1:] = np.eye(points - 1)
 
@@ -42,6 +51,11 @@ class Reading:
     def path_feedback(self, preview: Matrix) -> Matrix:
         """(entries, axles): ``observation @ matrix`` is preview w, for a preview (axles, points)."""
         return (self.path @ preview.T) * self.scale[:, None]
+
+
+def look_ahead_times(plant: Plant) -> Matrix:
+    """(points,): now, and the task's preview times, s."""
+    return np.array([0.0, *plant.task.preview_times])
 
 
 def interpolation(times: Matrix, grid: Matrix, derivative: int = 0) -> Matrix:
