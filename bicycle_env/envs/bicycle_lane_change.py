@@ -109,7 +109,7 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     | driver | `None` | at the front wheels: `"step"`, `"sine_sweep"`, `"sine_with_dwell"`, `"preview"`, an object |
     | action_delay | `0` | control steps until an action acts |
     | observation_delay | `0` | how many control steps ago the observations are of |
-    | sensors | `None` | `bicycle_env.Sensors(signals="car", noise={"yaw_rate": 0.01}, resolution=...)`; what is observed |
+    | sensors | `None` | what is observed: `bicycle_env.Sensors(signals="car", noise={"yaw_rate": 0.01})` |
     | telemetry | `False` | more in `info` |
     | render_mode | `None` | `"human"` or `"rgb_array"` |
     | direction | `"random"` | `"left"`, `"right"` or `"random"` |

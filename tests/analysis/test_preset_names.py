@@ -24,12 +24,16 @@ LINEAR = [
 ]
 
 
+UNNEEDED = ("lane", "geometry", "progress", "radius", "relaxation_length")
+"""What has no value but can do without."""
+
+
 def arguments(function):
     """What the function cannot do without, or has no value for, except for the vehicle, which comes first."""
     first, *others = inspect.signature(function).parameters.values()
     assert first.name == "vehicle"
     open_ones = [each.name for each in others if each.default is each.empty or each.default is None]
-    return {name: ARGUMENTS[name] for name in open_ones if name not in ("lane", "geometry", "progress", "radius")}
+    return {name: ARGUMENTS[name] for name in open_ones if name not in UNNEEDED}
 
 
 def numbers(value):

@@ -57,7 +57,7 @@ class Fleet:
     def __getattr__(self, name):
         return getattr(ENV, name)
 
-    def linear_model(self):
+    def linear_model(self, quasi_static=False):
         raise ValueError("the cars of this environment differ")
 
 

@@ -27,7 +27,6 @@ class Rows:
 
     def __init__(self, kind: Kind, fleet: Fleet, num_envs: int, step_limit: int | None) -> None:
         first, at, dtype = fleet.configuration, layout(kind), np.dtype(kind.dtype)
-        self._state_record = first.State
         self._num_envs = num_envs
         self.blocks = -(-num_envs // kind.length)
         self._names = {
@@ -91,10 +90,10 @@ class Rows:
         length = self._shape[2]
         self._columns[rows // length, :, rows % length] = copy
 
-    def state(self, control_timestep: float) -> Any:
-        """The configuration's State, of arrays (num_envs,)."""
-        values = {name: self.column(name) for name in self._state_record._fields if name != "time"}
-        return self._state_record(**values, time=self.column("steps") * control_timestep)
+    def state(self, record: Any, control_timestep: float) -> Any:
+        """The state as a record of arrays (num_envs,)."""
+        values = {name: self.column(name) for name in record._fields if name != "time"}
+        return record(**values, time=self.column("steps") * control_timestep)
 
 
 def checked_mask(mask: Any, num_envs: int) -> NDArray[np.bool_]:

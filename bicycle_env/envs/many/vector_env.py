@@ -239,7 +239,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     @property
     def state(self) -> Any:
         """The present states: the single environment's named tuple, of arrays (num_envs,); copies."""
-        return self._rows.state(self.control_timestep)
+        return self._rows.state(self.configuration.State, self.control_timestep)
 
     @state.setter
     def state(self, _value: Any) -> None:

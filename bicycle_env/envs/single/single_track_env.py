@@ -80,7 +80,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._rows = Rows(self._kind, alike(configuration), 1, None)
         self._at = layout(self._kind)
         self._observation_size = len(bound)
-        self._car, self._state_record = configuration.car, configuration.State
+        self._car = configuration.car
         self._end_names = configuration.end_names
         self._end_code = BAD_ACTION  # not yet reset
         self._warned = False
@@ -91,6 +91,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     def _bind(self) -> None:
         self._kernels = kernels.kernels(self._kind, self.reward)
         self._step = self._step_after_close if self.closed else self._kernels.step
+        self._State = self.configuration.State
         self._numbers = self._rows.numbers
         self._episode = self._rows.episodes[0, :, 0]
 
@@ -191,7 +192,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         """The present state as a named tuple of floats, SI units."""
         values, steps = self._episode.tolist(), self._at.kept + STEPS
         own = values[self._at.task_state :]
-        return self._state_record(*values[:steps], values[steps] * self.control_timestep, *own)
+        return self._State(*values[:steps], values[steps] * self.control_timestep, *own)
 
     @state.setter
     def state(self, _value: Any) -> None:
@@ -217,15 +218,15 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     def snapshot(self) -> Snapshot:
         """The whole state, random generator included; not the step count of a wrapper such as TimeLimit."""
-        names = self._state_record._fields
+        names = self._State._fields
         return Snapshot(self._episode.copy(), self._end_code, self.np_random.bit_generator.state, names)
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observation there."""
         if not isinstance(snapshot, Snapshot):
             raise TypeError(f"snapshot must come from snapshot(), got {type(snapshot)!r}")
-        if snapshot.episode.shape != self._episode.shape or snapshot.names not in ((), self._state_record._fields):
-            mine, theirs = self._state_record._fields, snapshot.names
+        if snapshot.episode.shape != self._episode.shape or snapshot.names not in ((), self._State._fields):
+            mine, theirs = self._State._fields, snapshot.names
             raise TypeError(
                 "snapshot must come from snapshot() of an environment of the same id and keywords: its state has "
                 f"{', '.join(sorted(set(theirs) ^ set(mine))) or 'other numbers'} more or less"
@@ -290,7 +291,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions do not pickle and windows do not copy: both are made anew.
-        left = ("_kernels", "_step", "_viewer", "_numbers", "_episode")
+        left = ("_kernels", "_step", "_viewer", "_numbers", "_episode", "_State")
         return {name: value for name, value in self.__dict__.items() if name not in left}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
