@@ -231,7 +231,7 @@ class ZeroSideslip(RearLaw):
         self._at_once = -vehicle.front_cornering_stiffness / vehicle.rear_cornering_stiffness
         self._per_yaw_rate = zero_sideslip_yaw_rate_gain(vehicle, speed)
         self._gain, time_constant = zero_sideslip_yaw_rate(vehicle, speed)
-        elapsed = plant.control_timestep / time_constant
+        elapsed = plant.action_timestep / time_constant
         self._rest = math.exp(-elapsed)
         self._mean_rest = -math.expm1(-elapsed) / elapsed
         self._yaw_rate = Remembered(1)

@@ -107,7 +107,7 @@ def design_model(plant: Plant, speed: float | None = None, discretisation: str =
     if discretisation == "zoh":
         A, B = zero_order_hold(continuous.A, continuous.B, model.timestep)
     else:
-        A, B = rk4_map(continuous.A, continuous.B, model.timestep, plant.substeps)
+        A, B = rk4_map(continuous.A, continuous.B, model.timestep, plant.substeps * plant.action_repeat)
     return model._replace(A=A, B=B)
 
 
@@ -161,7 +161,7 @@ class ContinuousLQR(StateFeedback):
         model = continuous_design_model(plant)
         Q, R = cost_matrices(plant, weights, plant.speed)
         times = look_ahead_times(plant)
-        intervals = 4 * max(1, round(times[-1] / plant.control_timestep)) if len(times) > 1 else 0
+        intervals = 4 * max(1, round(times[-1] / plant.action_timestep)) if len(times) > 1 else 0
         grid = np.linspace(0.0, times[-1], intervals + 1)
         wanted = np.zeros((len(grid), len(STATE_NAMES), len(times)))
         wanted[:, 0] = interpolation(times, grid)

@@ -33,7 +33,7 @@ FIRST_ITERATIONS = 10
 
 OF_THE_PLANT = (
     *("vehicle", "model", "speed", "friction", "steer", "front_actuator", "rear_actuator"),
-    *("control_timestep", "substeps", "action_space"),
+    *("action_timestep", "substeps", "action_repeat", "action_space"),
 )
 """What the problem is built from, so that a copy can build it again."""
 BUILT = ("_bounds", "_linearised", "_curvature", "_quadratic_program")
@@ -83,7 +83,7 @@ class MPC(Policy):
         lane_limit = positive("lane_half_width", lane_half_width) + 0.5 * plant.vehicle.body_width - LANE_MARGIN
         sideslip_limit = positive("sideslip_limit", sideslip_limit)
         substeps = fewest_substeps(plant) if substeps is None else whole("substeps", substeps)
-        timestep = plant.control_timestep
+        timestep = plant.action_timestep
 
         continuous = continuous_design_model(plant)
         A, B = rk4_map(continuous.A, continuous.B, timestep, substeps)
@@ -190,7 +190,7 @@ class MPC(Policy):
             control_step(plant, substeps),
             self._axles,
             self.horizon,
-            plant.control_timestep,
+            plant.action_timestep,
         )
         actuators = [(plant.front_actuator, plant.rear_actuator)[axle] for axle in steered_axles(plant)]
         wheels = [STATE_NAMES.index(("front_steer", "rear_steer")[axle]) for axle in steered_axles(plant)]
@@ -239,7 +239,7 @@ def fewest_substeps(plant: Plant) -> int:
     """RK4 steps per control step with timestep x fastest mode <= 1/2, but not more than the plant's."""
     lags = (1.0 / plant.front_actuator.time_constant, 1.0 / plant.rear_actuator.time_constant)
     fastest = max(fastest_rate(plant.vehicle, plant.speed), *lags)
-    return min(plant.substeps, math.ceil(2.0 * plant.control_timestep * fastest))
+    return min(plant.substeps * plant.action_repeat, math.ceil(2.0 * plant.action_timestep * fastest))
 
 
 def _solver(sparsity: dict[str, Any]) -> tuple[str, dict[str, Any], dict[str, Any]]:

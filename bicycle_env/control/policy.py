@@ -30,9 +30,11 @@ class Plant(Protocol):
     steer: str
     front_actuator: Actuator
     rear_actuator: Actuator
-    control_timestep: float
+    action_timestep: float
+    """From one action to the next, s."""
     substeps: int
-    """RK4 steps in a control step."""
+    """RK4 steps in a control step, of which there are ``action_repeat`` from one action to the next."""
+    action_repeat: int
     rules: Rules
     observation_names: tuple[str, ...]
     observation_scale: NDArray[np.float64]

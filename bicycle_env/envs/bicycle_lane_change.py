@@ -100,7 +100,7 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     | relaxation_length | `None` | m that a tire rolls until its force follows (0.3 to 0.6 in a car); `None`: at once |
     | front_actuator | `Actuator(6 deg, 40 deg/s, 0.05 s)` | `Actuator(angle_limit, rate_limit, time_constant)`, dict |
     | rear_actuator | `Actuator(3 deg, 9 deg/s, 0.05 s)` | the same for the rear axle |
-    | control_timestep | `0.02` | s between actions |
+    | control_timestep | `0.02` | s between actions, unless action_repeat holds them longer |
     | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
     | reward | `"default"` | `"default"`, `"quadratic"`, a `rewards.Reward` or its dict |
     | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 300, by default |
@@ -109,6 +109,7 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     | driver | `None` | at the front wheels: `"step"`, `"sine_sweep"`, `"sine_with_dwell"`, `"preview"`, an object |
     | action_delay | `0` | control steps until an action acts |
     | observation_delay | `0` | how many control steps ago the observations are of |
+    | action_repeat | `1` | control steps that an action is held; the reward is their sum, the time limit counts them |
     | sensors | `None` | what is observed: `bicycle_env.Sensors(signals="car", noise={"yaw_rate": 0.01})` |
     | telemetry | `False` | more in `info` |
     | render_mode | `None` | `"human"` or `"rgb_array"` |

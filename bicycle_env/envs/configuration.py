@@ -40,6 +40,7 @@ DEFAULT_SPEED_RATIO = 1.2
 DEFAULT_SPEED = 30.0
 """m/s: the default for a car without critical speed."""
 MOST_SUBSTEPS = 10_000
+MOST_REPEAT = 1000
 MOST_GROWTH = 20.0
 """Largest growth rate x control_timestep: e^20 is 5e8. Beyond, numbers overflow before an episode can end."""
 
@@ -62,6 +63,7 @@ class Configuration:
     control_timestep: float
     physics_timestep: float
     substeps: int
+    action_repeat: int
     rules: Rules
     observation_entries: tuple[Entry, ...]
 
@@ -115,20 +117,25 @@ class Configuration:
         return found  # type: ignore[no-any-return]
 
     @property
+    def action_timestep(self) -> float:
+        """From one action to the next, s."""
+        return self.control_timestep * self.action_repeat
+
+    @property
     def steps_to_settle(self) -> int:
         """For how many control steps up to the time-out a car must have been settled: then it was a success."""
         return math.ceil(SETTLED_SECONDS / self.control_timestep - 1e-9)
 
     def linear_model(self, quasi_static: bool = False) -> LinearModel:
-        """What one control step integrates, linearised at straight running; see :class:`Configured`."""
-        rules = self.rules
+        """What one step integrates, linearised at straight running; see :class:`Configured`."""
+        rules, repeat = self.rules, self.action_repeat
         columns = [k for k, steered in enumerate((rules.steers_front, rules.steers_rear)) if steered]
         actuators = (self.front_actuator, self.rear_actuator)
         scale = np.array([actuators[k].angle_limit for k in columns])
         length = None if quasi_static else self.relaxation_length
         names, unpaid = (STATE_NAMES, ()) if length is None else (RELAXED_NAMES, (0.0, 0.0))
         a, b = continuous_model(self.vehicle, self.speed, actuators, length)
-        a, b = rk4_map(a, b[:, columns] * scale, self.control_timestep, self.substeps)
+        a, b = rk4_map(a, b[:, columns] * scale, self.action_timestep, self.substeps * repeat)
         costs = self.costs
         state_costs = (
             costs.lateral_cost,
@@ -142,7 +149,14 @@ class Configuration:
         command_costs = [(costs.front_command_cost, costs.rear_command_cost)[k] for k in columns]
         inputs = [("front_steer_command", "rear_steer_command")[k] for k in columns]
         return LinearModel(
-            a, b, np.diag(state_costs), np.diag(command_costs), self.control_timestep, names, tuple(inputs), scale
+            a,
+            b,
+            repeat * np.diag(state_costs),
+            repeat * np.diag(command_costs),
+            self.action_timestep,
+            names,
+            tuple(inputs),
+            scale,
         )
 
 
@@ -172,6 +186,10 @@ class Configured:
     control_timestep = Told[float]()
     physics_timestep = Told[float]()
     substeps = Told[int]()
+    action_repeat = Told[int]()
+    """Control steps for which an action is held: what one step of the environment is."""
+    action_timestep = Told[float]()
+    """From one action to the next, s."""
     rules = Told[Rules]()
     observation_entries = Told[tuple[Entry, ...]]()
     observation_names = Told[tuple[str, ...]]()
@@ -193,6 +211,7 @@ class Configured:
             **fields,
             tire=configuration.tire,
             geometry=configuration.geometry,
+            action_timestep=configuration.action_timestep,
             observation_names=names,
             observation_scale=frozen(configuration.observation_scale),
             observation_mirror=frozen(np.array([entry.mirror for entry in configuration.observation_entries])),
@@ -217,8 +236,9 @@ class Configured:
         return stability(self.vehicle, self.speed, self.relaxation_length)
 
     def linear_model(self, quasi_static: bool = False) -> LinearModel:
-        """What one control step integrates, linearised at straight running; exact for the linear tire, small angles.
+        """What one step integrates, linearised at straight running; exact for the linear tire, small angles.
 
+        The costs are those of a control step, times ``action_repeat``.
         Six states; with a relaxation length two more, unless `quasi_static`: then as if the tires answered at once.
         """
         return self.configuration.linear_model(quasi_static)
@@ -251,6 +271,7 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
     lags = [1.0 / time for time in randomised.least_time_constants(ranges, front_actuator, rear_actuator)]
     check_timestep("physics_timestep", physics_timestep, max(fastest, *lags))
     substeps = _substeps(control_timestep, physics_timestep)
+    action_repeat = whole("action_repeat", setup.action_repeat, 1, MOST_REPEAT)
     growth = max(float(np.max(np.linalg.eigvals(straight_running(car, speed, relaxation_length)).real)) for car in cars)
     if growth * control_timestep > MOST_GROWTH:
         raise ValueError(
@@ -280,6 +301,7 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
         control_timestep,
         physics_timestep,
         substeps,
+        action_repeat,
         rules,
         entries,
     )

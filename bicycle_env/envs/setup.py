@@ -39,6 +39,7 @@ class Setup:
     driver: Any = None
     action_delay: int = 0
     observation_delay: int = 0
+    action_repeat: int = 1
     sensors: Any = None
 
 

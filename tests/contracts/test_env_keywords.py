@@ -51,6 +51,7 @@ BAD = {
     "driver": values("", "sine") + values(3, ["step"], error=TypeError),
     "action_delay": values(-1, 51) + values(None, 1.5, "1", True, error=TypeError),
     "observation_delay": values(-1, 51) + values(None, 1.5, "1", True, error=TypeError),
+    "action_repeat": values(0, -1, 1001) + values(None, 1.5, "1", True, error=TypeError),
     "sensors": values({"noise": {"yawrate": 0.1}}, {"noise": {"yaw_rate": -1.0}}) + values(3, "noisy", error=TypeError),
     "telemetry": values(None, 0, 1, "yes", np.True_, error=TypeError),
     "render_mode": values("", "ansi", "Human") + values(3, True, error=TypeError),

@@ -40,7 +40,7 @@ def casadi_namespace() -> Any:
 
 
 def control_step(plant: Plant, substeps: int) -> Any:
-    """One control step of the nonlinear car and its actuators as a ``casadi.Function`` (state (6), action) -> state.
+    """A ``casadi.Function`` (state (6), action) -> state from one action to the next: the nonlinear car, its actuators.
 
     States are ``STATE_NAMES``, the action is that of the steered axles in [-1, 1]; RK4 with `substeps` steps. The
     actuators have their lags, but no rate limits: those have a corner, and are constraints to whoever optimises.
@@ -57,7 +57,7 @@ def control_step(plant: Plant, substeps: int) -> Any:
     held = tuple(command)
     moving = CarState(ca.SX(0.0), *ca.vertsplit(state))
     for _ in range(substeps):
-        moving = advance(moving, held, held, held, car, plant.control_timestep / substeps)
+        moving = advance(moving, held, held, held, car, plant.action_timestep / substeps)
     return ca.Function("control_step", [state, action], [ca.vertcat(*moving[1:])], ["state", "action"], ["next"])
 
 

@@ -52,7 +52,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     Args:
         num_envs: how many cars.
-        max_episode_steps: time limit; by default the task's, -1: none.
+        max_episode_steps: time limit in control steps; by default the task's, -1: none.
         autoreset_mode: "NextStep", "SameStep" or "Disabled", or Gymnasium's enum. "SameStep" returns the last
             observation and info of a row that ended as ``info["final_obs"]`` (num_envs, entries) and
             ``info["final_info"]``, the latter with ``is_success``. "Disabled": reset rows by
@@ -191,7 +191,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         return observation, self._info(self._rows.column("end").astype(np.int8), values[1])
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """One control step of all rows; finite values outside [-1, 1] saturate.
+        """One control step of all rows, or ``action_repeat`` of them; finite values outside [-1, 1] saturate.
 
         Args:
             actions: (num_envs, axles). A row that is waiting for its reset ignores its values.
@@ -216,9 +216,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         ):
             actions = converted_action(actions, self._action_shape, self.steer)
         results = self._new_results()
-        ended = self._run(self._numbers, actions, self._generators.addresses, *results, self._restarts, 0, self._blocks)
-        if ended < 0:
-            ended = self._run_without(~np.all(np.isfinite(actions), axis=1), actions, results)
+        once = self.action_repeat == 1
+        ended = self._run_once(actions, results, self._restarts) if once else self._run_repeated(actions, results)
         observation, values, flags, end = results
         if self._plain or (not ended and self._tells_little):
             here = self._everyone.copy()
@@ -322,6 +321,28 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             np.empty(self.num_envs, INT8),
         )
 
+    def _run_once(self, actions: Any, results: tuple[Any, Any, Any, Any], restarts: bool) -> int:
+        """One control step, and how many rows have ended."""
+        ended = self._run(self._numbers, actions, self._generators.addresses, *results, restarts, 0, self._blocks)
+        if ended < 0:
+            ended = self._run_without(~np.all(np.isfinite(actions), axis=1), actions, results, restarts)
+        return ended
+
+    def _run_repeated(self, actions: Any, results: tuple[Any, Any, Any, Any]) -> int:
+        """``action_repeat`` control steps: rows that end stay where they are; the sum of the rewards."""
+        waiting, (observation, values, flags, end) = self._over, results
+        self._run_once(actions, results, False)
+        total = values[0].copy()
+        for _ in range(self.action_repeat - 1):
+            self._run_once(actions, results, False)
+            total += values[0]
+        values[0] = total
+        if self._restarts and np.any(waiting):
+            self._kernels.start(self._numbers, waiting, self._generators.addresses)
+            self._kernels.look(self._numbers, waiting, observation, values)
+            flags[:, waiting], end[waiting] = False, 0
+        return int(np.count_nonzero(flags[0] | flags[1]))
+
     def _run_shared(self, *arguments: Any) -> int:
         """``_step``, its blocks shared among the threads."""
         arguments, actions = arguments[:-2], arguments[1]
@@ -330,7 +351,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             return block_kernels.BAD_ACTION
         return self._threads.sum(self._step, arguments)
 
-    def _run_without(self, bad: Any, actions: Any, results: tuple[Any, Any, Any, Any]) -> int:
+    def _run_without(self, bad: Any, actions: Any, results: tuple[Any, Any, Any, Any], restarts: bool) -> int:
         """A step of which some rows' actions are not finite: refused, or the end of those rows' episodes."""
         bad &= ~self._over  # a row that is waiting takes no action
         if self.on_invalid == "raise":
@@ -338,7 +359,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             raise ValueError(f"actions must be finite, nominally in [-1, 1]; row {row} has {actions[row]}")
         spoiled = self._rows.copy_of(bad)
         finite = np.where(np.isfinite(actions), actions, FLOAT32.type(0.0))
-        self._run(self._numbers, finite, self._generators.addresses, *results, self._restarts, 0, self._blocks)
+        self._run(self._numbers, finite, self._generators.addresses, *results, restarts, 0, self._blocks)
         observation, values, flags, end = results
         self._rows.put_back(spoiled, bad)
         self._rows.put({"end": INVALID_ACTION}, bad)

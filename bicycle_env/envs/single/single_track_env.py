@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
@@ -71,7 +72,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._given_horizon = setup.horizon
         self._limit_asked = False
         self.render_mode = None if render_mode is None else choice("render_mode", render_mode, RENDER_MODES)
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.control_timestep))}
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.action_timestep))}
         bound = configuration.observation_bound
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         self._action_shape = (configuration.axles,)
@@ -84,14 +85,20 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._end_names = configuration.end_names
         self._end_code = BAD_ACTION  # not yet reset
         self._warned = False
-        self._plain = not self.telemetry and not self.task.told and self.render_mode != "human"
+        self._plain = not (self.telemetry or self.task.told or self.render_mode == "human" or self.action_repeat > 1)
+        self._limit: float = math.inf
         self._viewer: Any = None
         self._bind()
 
     def _bind(self) -> None:
         self._kernels = kernels.kernels(self._kind, self.reward)
+<<<<<<< HEAD
         self._step = self._step_after_close if self.closed else self._kernels.step
         self._State = self.configuration.State
+=======
+        once = self._kernels.step if self.action_repeat == 1 else self._step_repeated
+        self._step = self._step_after_close if self.closed else once
+>>>>>>> 523ee7b (action_repeat: one step holds an action for several control steps, and controllers are designed for that)
         self._numbers = self._rows.numbers
         self._episode = self._rows.episodes[0, :, 0]
 
@@ -139,7 +146,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         return observation, self._info(cost)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Hold an action for one control step; finite values outside [-1, 1] saturate.
+        """Hold an action for one control step, or ``action_repeat`` of them; finite values outside [-1, 1] saturate.
 
         Raises:
             ValueError, TypeError: an action of the wrong shape or type, or not finite; nothing has changed then.
@@ -161,7 +168,8 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             return observation, reward, end > 0, False, {"end": self._end_names[end], "cost": cost}
         if self.render_mode == "human":
             self.render()
-        return observation, reward, end > 0, False, self._info(cost)
+        truncated = self.action_repeat > 1 and self._steps >= self._limit
+        return observation, reward, end > 0, truncated, self._info(cost)
 
     def render(self) -> Any:
         """Draw the present state: an array (height, width, 3) of uint8 for "rgb_array", a window for "human"."""
@@ -258,6 +266,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     def _ask_for_the_limit(self) -> None:
         """Before the first episode: which time limit is around this environment?"""
         limit = limit_around(self)
+        self._limit = math.inf if limit is None else limit
         configuration, self._limit_asked = self.configuration, True
         remark(limit, self._given_horizon, configuration.steps_to_settle, self.reward.uses_horizon)
         horizon = resolve_horizon(self._given_horizon, limit, self.task.episode_steps)
@@ -275,6 +284,20 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             info |= telemetry(self.state, self.measure(), self._car)
             info["is_success"] = self.is_success
         return info
+
+    @property
+    def _steps(self) -> float:
+        return float(self._episode[self._at.kept + STEPS])
+
+    def _step_repeated(self, *arguments: Any) -> tuple[float, int, float]:
+        """The compiled step, ``action_repeat`` times unless the episode ends before: the sum of the rewards."""
+        reward, end, cost = self._kernels.step(*arguments)
+        for _ in range(self.action_repeat - 1):
+            if end or self._steps >= self._limit:
+                break
+            more, end, cost = self._kernels.step(*arguments)
+            reward += more
+        return reward, end, cost
 
     def _step_after_close(self, *_: Any) -> Any:
         self._refuse_if_closed("step()")

@@ -199,7 +199,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         return self._look()
 
     def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
-        """Hold each car's action for one control step; finite values outside [-1, 1] saturate.
+        """Hold each car's action for ``action_repeat`` control steps; finite values outside [-1, 1] saturate.
 
         Args:
             action: a tensor (num_envs, axles) of real numbers on the environment's device, in its full precision.
@@ -216,6 +216,10 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         before = self._begun("step()")
         action = self._checked_action(action, before)
         after, reward = self._kernels.step(before, action)
+        for _ in range(self.action_repeat - 1):  # cars that end stay where they are
+            ended = after.over
+            later, more = self._kernels.step(after, action)
+            after, reward = chosen(ended, after, later), reward + more.where(ended.logical_not(), 0.0)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             over = after.over
             self._episodes = after
