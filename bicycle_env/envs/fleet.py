@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,9 +29,23 @@ OWN = ("vehicle", "speed", "friction", "relaxation_length", "observation_scale")
 """What an environment then tells per car."""
 
 
+CAR_OPTIONS = ("vehicle", "speed", "friction")
+"""What ``reset`` may change of the cars that are driven, until it is called again."""
+
+
+class Origin(NamedTuple):
+    """What a fleet was made of: to make one with other cars."""
+
+    task: Task
+    """Without what is added to it."""
+    setup: Setup
+    time_limit: int | None
+
+
 class Fleet(NamedTuple):
     """What an environment's cars are made of."""
 
+    origin: Origin
     configuration: Configuration
     """The first car's; what it says beyond the fields below holds for all cars."""
     varied: bool
@@ -48,21 +63,32 @@ class Fleet(NamedTuple):
     """(entries,), or (num_envs, entries) if varied."""
 
 
-def alike(one: Configuration) -> Fleet:
+def configure_alike(origin: Origin) -> Fleet:
     """Cars that are all the same, or a single one."""
+    one = configure(*origin)
     numbers = one.speed, one.friction, one.relaxation_length
-    return Fleet(one, False, one.vehicle, *numbers, one.car, one.settings, one.observation_scale)
+    return Fleet(origin, one, False, one.vehicle, *numbers, one.car, one.settings, one.observation_scale)
 
 
-def configure_fleet(task: Task, num_envs: int, setup: Setup, time_limit: int | None = None) -> Fleet:
+def with_options(fleet: Fleet, options: Mapping[str, Any]) -> Setup:
+    """The setup that the options of a reset ask for: the vehicle, speed and friction not given stay nominal."""
+    speed = options.get("speed", fleet.speed)
+    given = {name: options[name] for name in CAR_OPTIONS if name in options}
+    return dataclasses.replace(fleet.origin.setup, **{**given, "speed": speed, "speed_ratio": None})
+
+
+def configure_fleet(origin: Origin, num_envs: int, varied: bool = False) -> Fleet:
     """Check a setup as ``configure`` does, the keywords in ``PER_CAR`` for every car.
+
+    `varied`: each car has numbers of its own though they be the same.
 
     Raises:
         ValueError, TypeError: a bad keyword, named with its value and what is allowed, and the car that has it.
     """
+    task, setup, time_limit = origin
     given = {name: getattr(setup, name) for name in PER_CAR}
-    if not any(is_sequence(value) for value in given.values()):
-        return alike(configure(task, setup, time_limit))
+    if not varied and not any(is_sequence(value) for value in given.values()):
+        return configure_alike(origin)
 
     vehicles = _vehicles(given["vehicle"], num_envs)
     columns = {name: number_column(name, given[name], num_envs) for name in NUMBERS if is_sequence(given[name])}
@@ -104,10 +130,10 @@ def configure_fleet(task: Task, num_envs: int, setup: Setup, time_limit: int | N
             configuration_of(rows[np.argmax(speed[rows] / relaxation_length[rows])])  # the fastest lag
         for column, values in zip(car, car_on_road(vehicle, *numbers), strict=True):
             column[rows] = values
-    task = first.task  # with what is added to it
     many: Any = speed  # tasks write settings and scales for one speed, or for an array of them
-    entries = task.entries(many, first.front_actuator.angle_limit, first.rear_actuator.angle_limit)
+    entries = first.task.entries(many, first.front_actuator.angle_limit, first.rear_actuator.angle_limit)
     return Fleet(
+        origin,
         first,
         True,
         tuple(vehicles),
@@ -115,7 +141,7 @@ def configure_fleet(task: Task, num_envs: int, setup: Setup, time_limit: int | N
         friction,
         relaxation_length,
         car,
-        task.settings(many),
+        first.task.settings(many),
         np.column_stack([np.broadcast_to(entry.scale, num_envs) for entry in entries]),
     )
 

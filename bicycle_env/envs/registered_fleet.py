@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
-from bicycle_env.envs.fleet import Fleet, configure_fleet
+from bicycle_env.envs.fleet import Fleet, Origin, configure_fleet
 from bicycle_env.envs.setup import taken_from
 from bicycle_env.envs.single.single_track_env import ONE_CAR, SingleTrackEnv, keyword_names, make_task
 from bicycle_env.physics.validation import known_keys
@@ -25,14 +25,16 @@ def registered_spec(env_id: object) -> Any:
     return gym.spec(name)
 
 
-def registered_fleet(spec: Any, num_envs: int, keywords: Mapping[str, Any], time_limit: int | None = None) -> Fleet:
+def registered_fleet(
+    spec: Any, num_envs: int, keywords: Mapping[str, Any], time_limit: int | None = None, varied: bool = False
+) -> Fleet:
     """The cars of a registered id: the single environment's defaults, the registered keywords, then those given.
 
     Raises:
         ValueError: the id is not of a single-track environment.
         TypeError: a keyword that the single environment does not have, or that is for one car only.
     """
-    return fleet_of(_class_of(spec), num_envs, {**spec.kwargs, **keywords}, time_limit)
+    return fleet_of(_class_of(spec), num_envs, {**spec.kwargs, **keywords}, time_limit, varied)
 
 
 def keywords_of_id(spec: Any) -> list[str]:
@@ -48,7 +50,11 @@ def _class_of(spec: Any) -> type[SingleTrackEnv]:
 
 
 def fleet_of(
-    env_class: type[SingleTrackEnv], num_envs: int, keywords: Mapping[str, Any], time_limit: int | None = None
+    env_class: type[SingleTrackEnv],
+    num_envs: int,
+    keywords: Mapping[str, Any],
+    time_limit: int | None = None,
+    varied: bool = False,
 ) -> Fleet:
     """The cars of a single environment's class: its defaults, then the keywords given. Raises as the one above.
 
@@ -58,4 +64,4 @@ def fleet_of(
     allowed = [name for name in keyword_names(env_class) if name not in ONE_CAR]
     known_keys("keyword", given, allowed, TypeError)
     setup = taken_from(given)
-    return configure_fleet(make_task(env_class, given), num_envs, setup, time_limit)
+    return configure_fleet(Origin(make_task(env_class, given), setup, time_limit), num_envs, varied)

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_env.physics.car import car_on_road
 from bicycle_env.rendering import dashboard
 from bicycle_env.rendering.dashboard import BACKGROUND, Reading
 from bicycle_env.rendering.painting import paint_road, pixels_per_metre, pygame
@@ -38,7 +37,6 @@ class Viewer:
 
     def __init__(self, env: Any) -> None:
         self._env = env
-        self._setup = setup_of(env)
         self._history: list[_Moment] = []
         self._clock: Any = None
         self._shut = False
@@ -81,18 +79,18 @@ class Viewer:
         return surface
 
     def _look(self) -> tuple[Reading, Scene]:
-        env, setup = self._env, self._setup
+        env, setup, car = self._env, setup_of(self._env), self._env.present
         state, measured, rules = env.state, env.measure(), setup.world.rules
         # restore() may have gone back in time
         self._history = [moment for moment in self._history if moment.time < state.time]
         scene = build_scene(setup, state, measured, [moment.place for moment in self._history])
         reading = Reading(
-            speed=env.speed,
-            critical_speed=env.vehicle.critical_speed,
+            speed=car.speed,
+            critical_speed=car.vehicle.critical_speed,
             tire=type(env.tire).__name__,
-            friction=env.friction,
+            friction=car.friction,
             time=state.time,
-            sideslip=state.lateral_velocity / env.speed,
+            sideslip=state.lateral_velocity / car.speed,
             yaw_rate=state.yaw_rate,
             front_steer=state.front_steer,
             rear_steer=state.rear_steer,
@@ -130,14 +128,14 @@ class Viewer:
 
 
 def setup_of(env: Any) -> Setup:
-    """What stays the same in all pictures of an environment."""
-    rules = env.rules
-    car = car_on_road(env.vehicle, env.speed, env.friction, env.front_actuator, env.rear_actuator)
+    """What stays the same in all pictures of an episode."""
+    present = env.present
+    car = present.car
     return Setup(
-        vehicle=env.vehicle,
+        vehicle=present.vehicle,
         geometry=env.geometry,
         task=env.task,
-        world=World(car, rules, env.task.settings(env.speed)),
+        world=World(car, env.rules, present.settings),
         front_grip=car.front_peak_force,
         rear_grip=car.rear_peak_force,
         aspect=WIDTH / ROAD_HEIGHT,

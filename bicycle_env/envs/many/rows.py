@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_env.envs.fleet import Fleet, is_sequence, number_column
+from bicycle_env.envs.fleet import CAR_OPTIONS, Fleet, configure_fleet, is_sequence, number_column, with_options
 from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_numbers
-from bicycle_env.physics.car import CarState
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.tasks.episode import World
 from bicycle_env.tasks.task import Allowed, Task, allowed_number, checked_state
@@ -43,16 +43,16 @@ class Rows:
             math.inf if step_limit is None else step_limit,
         )
         self.numbers = np.concatenate([shared, np.zeros(self.blocks * at.width * kind.length, dtype=dtype)])
-        self._car = at.car
+        self._kept = at.scale if fleet.varied else at.car
+        self._at, self._settings = at, kind.task.Settings
         self._shared, self._shape = len(shared), (self.blocks, at.width, kind.length)
         if fleet.varied:
             own = [*fleet.car, *fleet.settings, *(1.0 / fleet.observation_scale.T)]
             if len(own) != at.width - at.car:
                 raise ValueError(f"a row must have {at.width - at.car} numbers of its own, got {len(own)}")
-            everyone = np.ones(num_envs, dtype=np.bool_)
             for column, values in enumerate(own, start=at.car):
                 self._columns[:, column] = np.ravel(values)[0]  # rows that fill up the last block, too
-                self._put(column, np.broadcast_to(values, num_envs), everyone)
+            self._put_all(at.car, own, np.ones(num_envs, dtype=np.bool_))
 
     @property
     def _columns(self) -> NDArray[Any]:
@@ -61,8 +61,24 @@ class Rows:
 
     @property
     def episodes(self) -> NDArray[Any]:
-        """(blocks, columns, rows a block), a view: the episode, without what a car is made of."""
-        return self._columns[:, : self._car]
+        """(blocks, columns, rows a block), a view: the episode, and what each car is made of, where they differ."""
+        return self._columns[:, : self._kept]
+
+    def put_cars(self, fleet: Fleet, mask: NDArray[np.bool_]) -> None:
+        """What the cars in the rows of a mask are made of; the scales of what is observed stay."""
+        self._put_all(self._at.car, [*fleet.car, *fleet.settings], mask)
+
+    def cars(self, fleet: Fleet) -> tuple[CarParameters, Any]:
+        """The cars' numbers and the task's, floats or (num_envs,), as they are driven: the fleet's if all are alike."""
+        if not fleet.varied:
+            return fleet.car, fleet.settings
+        numbers = [self._of(column) for column in range(self._at.car, self._at.scale)]
+        count = len(CarParameters._fields)
+        return CarParameters(*numbers[:count]), self._settings(*numbers[count:])
+
+    def _put_all(self, first: int, values: list[Any], mask: NDArray[np.bool_]) -> None:
+        for column, each in enumerate(values, start=first):
+            self._put(column, np.broadcast_to(each, self._num_envs), mask)
 
     def _put(self, column: int, values: Any, mask: NDArray[np.bool_]) -> None:
         rows = np.flatnonzero(mask)
@@ -71,7 +87,10 @@ class Rows:
 
     def column(self, name: str) -> Column:
         """(num_envs,): a copy of a number of the state or of the episode."""
-        return self._columns[:, self._names[name]].ravel()[: self._num_envs].astype(np.float64)
+        return self._of(self._names[name])
+
+    def _of(self, column: int) -> Column:
+        return self._columns[:, column].ravel()[: self._num_envs].astype(np.float64)
 
     def put(self, values: Mapping[str, Any], mask: NDArray[np.bool_]) -> None:
         """Set numbers by name, each one value or (num_envs,), in the rows of a mask."""
@@ -107,9 +126,24 @@ def checked_mask(mask: Any, num_envs: int) -> NDArray[np.bool_]:
     return mask.copy()
 
 
+def checked_cars(task: Task, options: Any, fleet: Fleet, num_envs: int) -> Fleet | None:
+    """The fleet that the options ask for, or None. ValueError, TypeError before anything changes."""
+    if not isinstance(options, Mapping):
+        return None
+    given = {name: options[name] for name in CAR_OPTIONS if name in options and name not in task.options}
+    if given and not fleet.varied:
+        raise ValueError(
+            f"options: {', '.join(given)} must not be given here: the cars share their numbers; make the environment "
+            "with varied=True, so that each has its own"
+        )
+    if not given:
+        return None
+    return configure_fleet(fleet.origin._replace(setup=with_options(fleet, given)), num_envs, True)
+
+
 def checked_start(task: Task, options: Any, fleet: Fleet, num_envs: int, dtype: str) -> dict[str, Any]:
     """What the options set after a random start: values by name. ValueError, TypeError before anything changes."""
-    given = task.check_options(options, ("reset_mask",))
+    given = task.check_options(options, ("reset_mask", *CAR_OPTIONS))
     changes: dict[str, Any] = {}
     if "state" in given:
         changes = _checked_states(given["state"], fleet, num_envs, dtype)

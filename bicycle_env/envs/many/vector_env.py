@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bicycle_env.envs.fleet import ConfiguredFleet
 from bicycle_env.envs.many import block_kernels, blocks
 from bicycle_env.envs.many.generators import Generators, checked_seeds
-from bicycle_env.envs.many.rows import Rows, checked_mask, checked_start
+from bicycle_env.envs.many.rows import Rows, checked_cars, checked_mask, checked_start
 from bicycle_env.envs.many.threads import Threads
 from bicycle_env.envs.registered_fleet import fleet_of
 from bicycle_env.envs.single.single_track_env import FLOAT32, ONE_CAR, SingleTrackEnv, converted_action, keyword_names
@@ -64,6 +64,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         on_invalid: an action that is not finite: "raise", before anything changes; or "terminate" its row, with the
             end code 3, while the others go on.
         telemetry: more in ``info``.
+        varied: each car has numbers of its own, which the options ``vehicle``, ``speed`` and ``friction`` of ``reset``
+            may change. So it is in any case where a keyword is given per car.
         render_mode: must be None: draw with a single environment.
         keywords: those of the single environment. vehicle, speed, speed_ratio, friction and
             relaxation_length take one value or num_envs.
@@ -89,6 +91,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         staggered_start: bool = False,
         on_invalid: str = "raise",
         telemetry: bool = False,
+        varied: bool = False,
         render_mode: str | None = None,
         **keywords: Any,
     ) -> None:
@@ -111,7 +114,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             raise ValueError(f"render_mode must be None for many cars (draw one by gym.make), got {render_mode!r}")
         steps = self.single_class.default_task.episode_steps if max_episode_steps is None else max_episode_steps
         limit = None if steps == -1 else whole("max_episode_steps", steps, 1, MOST_STEPS[self.dtype])
-        self._adopt_fleet(fleet_of(self.single_class, self.num_envs, keywords, limit))
+        self._adopt_fleet(fleet_of(self.single_class, self.num_envs, keywords, limit, flag("varied", varied)))
         tell(self, max_episode_steps=limit, end_names=self.configuration.end_names)
         remark(limit, keywords.get("horizon"), self.configuration.steps_to_settle, self.reward.uses_horizon)
 
@@ -160,7 +163,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             seed: row i gets ``seed + i``; or one seed (or None) for each row.
             options: ``reset_mask`` (num_envs,) of bool: only these rows, the others go on; ``state``: a mapping of
                 state names to numbers or (num_envs,) arrays, names not given being 0; the task's own options, one
-                value or num_envs of them.
+                value or num_envs of them; with ``varied`` the ``vehicle``, ``speed`` and ``friction`` that these rows
+                drive, whatever restarts come, until they are reset again.
 
         Returns:
             Observations of all rows (num_envs, entries) and info.
@@ -173,11 +177,14 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         given = dict(options) if isinstance(options, Mapping) else options
         masked = given.pop("reset_mask", None) if isinstance(given, dict) else None
         mask = checked_mask(masked, self.num_envs)
-        changes = checked_start(self.task, given, self.fleet, self.num_envs, self.dtype)
+        others = checked_cars(self.task, given, self.fleet, self.num_envs)
+        changes = checked_start(self.task, given, others or self.fleet, self.num_envs, self.dtype)
         seeds = checked_seeds(seed, self.num_envs)
         if not self._started and not np.all(mask):
             raise gym.error.ResetNeeded("the first reset() must start all rows: it takes no reset_mask")
         self._generators.seed(seeds, mask)
+        if self.fleet.varied:
+            self._rows.put_cars(others or self.fleet, mask)
         self._kernels.start(self._numbers, mask, self._generators.addresses)
         if changes:
             self._rows.put(changes, mask)
@@ -297,11 +304,12 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         """What the task keeps of a start, in the rows of a mask, after their starts were changed by options."""
         law = self.task.refilled(NUMPY)
         if law is not None:
-            state, task, fleet = self.state, self.task, self.fleet
+            state, task = self.state, self.task
             own = task.TaskState(*(getattr(state, name) for name in task.TaskState._fields))
             zero = np.zeros(self.num_envs)
             episode = EpisodeState(state.front_steer_command, state.rear_steer_command, zero, zero, own)
-            world = World(fleet.car, self.rules, fleet.settings)
+            car, settings = self._rows.cars(self.fleet)
+            world = World(car, self.rules, settings)
             place = self.model.State(*(getattr(state, name) for name in self.model.State._fields))
             filled = law(place, episode, world)
             self._rows.put(filled._asdict(), mask)
@@ -390,7 +398,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     def _info(self, end: Any, cost: Any, rows: Any = None) -> dict[str, Any]:
         info = {"end": end, "cost": cost, **{name: self._rows.column(name) for name in self.task.told}}
         if self.telemetry:
-            info |= telemetry(self.state, self.measure(), self.fleet.car)
+            info |= telemetry(self.state, self.measure(), self._rows.cars(self.fleet)[0])
         if self.telemetry or rows is not None:  # a row that has begun its next episode cannot be asked any more
             info["is_success"] = self._settled & (end == 0)
         here = self._everyone.copy() if rows is None else rows.copy()
@@ -398,7 +406,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     def _forfeit(self, rows: Any) -> Any:
         """What an invalid action costs: with the quadratic reward, all steps that are left at the worst."""
-        reward = self.reward.forfeit(NUMPY)(self._rows.column("steps"), self.fleet.car, self.rules)
+        reward = self.reward.forfeit(NUMPY)(self._rows.column("steps"), self._rows.cars(self.fleet)[0], self.rules)
         return np.broadcast_to(reward, self.num_envs)[rows]
 
     def __getstate__(self) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from bicycle_env.backends.compiled_random import addresses
 from bicycle_env.envs.arrays import real_array
-from bicycle_env.envs.configuration import Configured, configure
-from bicycle_env.envs.fleet import alike
+from bicycle_env.envs.configuration import Configuration, Configured, configure
+from bicycle_env.envs.fleet import CAR_OPTIONS, Origin, configure_alike, with_options
 from bicycle_env.envs.many.block_kernels import BAD_ACTION
 from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_layout
 from bicycle_env.envs.many.rows import Rows
@@ -51,6 +51,8 @@ class Snapshot(NamedTuple):
     generator: Any
     names: tuple[str, ...] = ()
     """Of the numbers of the task's state."""
+    driven: Configuration | None = None
+    """The car that is driven, where ``reset`` was given another one."""
 
 
 class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -66,7 +68,8 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     @shown_in
     def __init__(self, *, telemetry: bool = False, render_mode: str | None = None, **task_keywords: Any) -> None:
         setup = taken_from(task_keywords)
-        configuration = configure(make_task(type(self), task_keywords), setup)
+        self._fleet = configure_alike(Origin(make_task(type(self), task_keywords), setup, None))
+        configuration = self._fleet.configuration
         self._adopt(configuration)
         tell(self, telemetry=flag("telemetry", telemetry))
         self._given_horizon = setup.horizon
@@ -78,10 +81,10 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._action_shape = (configuration.axles,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         self._kind = Kind(self.task, self.model, len(bound), 1, False, "float64")
-        self._rows = Rows(self._kind, alike(configuration), 1, None)
+        self._rows = Rows(self._kind, self._fleet, 1, None)
         self._at = layout(self._kind)
         self._observation_size = len(bound)
-        self._car = configuration.car
+        self._present, self._car = configuration, configuration.car
         self._end_names = configuration.end_names
         self._end_code = BAD_ACTION  # not yet reset
         self._warned = False
@@ -92,13 +95,9 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     def _bind(self) -> None:
         self._kernels = kernels.kernels(self._kind, self.reward)
-<<<<<<< HEAD
-        self._step = self._step_after_close if self.closed else self._kernels.step
-        self._State = self.configuration.State
-=======
         once = self._kernels.step if self.action_repeat == 1 else self._step_repeated
         self._step = self._step_after_close if self.closed else once
->>>>>>> 523ee7b (action_repeat: one step holds an action for several control steps, and controllers are designed for that)
+        self._State = self.configuration.State
         self._numbers = self._rows.numbers
         self._episode = self._rows.episodes[0, :, 0]
 
@@ -111,8 +110,10 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
         Args:
             seed: makes this and the following episodes repeatable.
-            options: ``{"state": {name: value}}`` starts from that state, names not given being 0; the task's own
-                options are named in its documentation. A start takes the same random numbers with or without.
+            options: ``{"state": {name: value}}`` starts from that state, names not given being 0. ``vehicle``,
+                ``speed`` [m/s], ``friction``: of the car that is driven until the next reset; what the environment is
+                called by, and scales and controllers, stay nominal. The task's own options are named in its
+                documentation. A start takes the same random numbers with or without.
 
         Raises:
             ValueError, TypeError: an unknown option or state name, a value that is not finite or out of range.
@@ -121,11 +122,18 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._refuse_if_closed("reset()")
         if not self._limit_asked:
             self._ask_for_the_limit()
-        given = self.task.check_options(options)
+        given = self.task.check_options(options, CAR_OPTIONS)
+        cars = [name for name in CAR_OPTIONS if name in given and name not in self.task.options]
+        driven = self.configuration
+        if cars:
+            task, _, limit = self._fleet.origin
+            driven = configure(task, with_options(self._fleet, {name: given[name] for name in cars}), limit)
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
         state = checked_state(given["state"], *limits, own=self.model.own) if "state" in given else None
         changes = self.task.option_numbers(given)
         super().reset(seed=seed)
+        if driven is not self._present:
+            self._drive(driven)
         self._kernels.start(self._numbers, ONE, addresses([self.np_random]))
         if given:
             at = self._at
@@ -134,7 +142,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
                 state = {**self.model.complete(PYTHON)(placed, self._car)._asdict(), **state}
                 self._episode[: at.kept + 2] = [state[name] for name in (*self.model.State._fields, *KEPT[:2])]
             task_state = self.task.TaskState(*self._episode[at.task_state :])
-            self._episode[at.task_state :] = self.task.task_state_with(task_state, changes, self.speed)
+            self._episode[at.task_state :] = self.task.task_state_with(task_state, changes, driven.speed)
             self._refill()
         observation, cost = self._look()
         self._end_code = 0
@@ -207,6 +215,11 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         raise AttributeError(read_only("state"))
 
     @property
+    def present(self) -> Configuration:
+        """What is driven: the configuration, unless ``reset`` was given another vehicle, speed or friction."""
+        return self._present
+
+    @property
     def end(self) -> str:
         """Why the episode ended, "" while it is running: what ``info["end"]`` says."""
         return "" if self._end_code == BAD_ACTION else self._end_names[self._end_code]
@@ -227,7 +240,8 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     def snapshot(self) -> Snapshot:
         """The whole state, random generator included; not the step count of a wrapper such as TimeLimit."""
         names = self._State._fields
-        return Snapshot(self._episode.copy(), self._end_code, self.np_random.bit_generator.state, names)
+        other = None if self._present is self.configuration else self._present
+        return Snapshot(self._episode.copy(), self._end_code, self.np_random.bit_generator.state, names, other)
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Return to a snapshot of this or of an equally made environment; gives the observation there."""
@@ -239,6 +253,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
                 "snapshot must come from snapshot() of an environment of the same id and keywords: its state has "
                 f"{', '.join(sorted(set(theirs) ^ set(mine))) or 'other numbers'} more or less"
             )
+        self._drive(snapshot.driven or self.configuration)
         self._episode[:] = snapshot.episode
         self._end_code = snapshot.end
         self.np_random.bit_generator.state = snapshot.generator
@@ -250,12 +265,19 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         """What the task keeps of a start, after the start was changed by options."""
         law = self.task.refilled(PYTHON)
         if law is not None:
-            values, configuration, at = self._episode.tolist(), self.configuration, self._at
+            values, driven, at = self._episode.tolist(), self._present, self._at
             own = self.task.TaskState(*values[at.task_state :])
             episode = EpisodeState._make([*values[at.kept : at.end], own])
-            world = World(configuration.car, configuration.rules, configuration.settings)
+            world = World(driven.car, self.rules, driven.settings)
             state = self.model.State(*values[: at.kept])
             self._episode[at.task_state :] = law(state, episode, world)
+
+    def _drive(self, driven: Configuration) -> None:
+        """Put another car's numbers where the compiled code finds them; scales and controllers stay nominal."""
+        place = shared_layout(self._kind)
+        self._present, self._car = driven, driven.car
+        self._numbers[place.car : place.rules] = driven.car
+        self._numbers[place.settings : place.scale] = driven.settings
 
     def _look(self) -> tuple[NDArray[np.float32], float]:
         """Observation and cost of the episode as it is."""
@@ -273,6 +295,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._adopt(
             dataclasses.replace(configuration, horizon=horizon, rules=configuration.rules._replace(horizon=horizon))
         )
+        self._present = self.configuration
         self._numbers[shared_layout(self._kind).rules + Rules._fields.index("horizon")] = horizon
 
     def _info(self, cost: float) -> dict[str, Any]:

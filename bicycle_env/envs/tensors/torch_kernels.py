@@ -63,8 +63,8 @@ class TorchKernels(NamedTuple):
     """``look(episodes) -> (observation, cost)``: float32 (num_envs, entries), and (num_envs,)."""
     measure: Callable[[Episodes], dict[str, Tensor]]
     """Slip angles, forces, accelerations and the reference, by the names of the telemetry."""
-    car: CarParameters
-    """Tensors of one number, or of one per car."""
+    world: World
+    """Its car and settings are tensors of one number, or of one per car."""
 
 
 def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
@@ -184,7 +184,7 @@ def torch_kernels(
             elapsed = elapsed + physics_timestep if changing else elapsed
         return conclude(before, state, finite, pair, command, number)
 
-    return TorchKernels(start, step, restart, completed, refill, look, measure, car)
+    return TorchKernels(start, step, restart, completed, refill, look, measure, world)
 
 
 def _compiled(torch: Any, law: Any) -> Any:

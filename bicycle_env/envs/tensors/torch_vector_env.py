@@ -15,7 +15,8 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from bicycle_env.envs.fleet import ConfiguredFleet
+from bicycle_env.envs.fleet import CAR_OPTIONS, ConfiguredFleet, Fleet
+from bicycle_env.envs.many.rows import checked_cars
 from bicycle_env.envs.registered_fleet import keywords_of_id, registered_fleet, registered_spec
 from bicycle_env.envs.single.single_track_env import SingleTrackEnv
 from bicycle_env.envs.telemetry import telemetry as telemetry_of
@@ -37,6 +38,8 @@ class TorchSnapshot(NamedTuple):
 
     episodes: Episodes
     generator: Tensor
+    cars: tuple[Tensor, ...] = ()
+    """What each car is made of, with ``varied``."""
 
 
 class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
@@ -69,6 +72,8 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             its end is "invalid_action", its reward 0 (quadratic: all steps that are left are paid for). "raise"
             raises ValueError before anything changes; to know, the host must wait for the device in every step.
         telemetry: more in ``info``, as the single environment's.
+        varied: each car has numbers of its own, which the options ``vehicle``, ``speed`` and ``friction`` of ``reset``
+            may change, in place: gradients do not flow across such a reset.
         compile: compile the RK4 substep, and what comes before and after the substeps, with torch.compile: many times
             faster, after a minute in the first steps. Needs a C++ compiler on the CPU, Triton on a GPU.
         **env_keywords: as of the single environment, without ``render_mode``; ``vehicle``, ``speed``, ``speed_ratio``
@@ -100,6 +105,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         staggered_start: bool = False,
         on_invalid: str = "terminate",
         telemetry: bool = False,
+        varied: bool = False,
         compile: bool = False,
         **env_keywords: Any,
     ) -> None:
@@ -124,7 +130,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self.device, self._generator = device_and_generator(torch, device)
         self._np_random, self._np_random_seed = seeding.np_random(self._generator.seed())
         env_keywords = {name: as_numbers(torch, name, value) for name, value in env_keywords.items()}
-        self._adopt_fleet(registered_fleet(self.spec, self.num_envs, env_keywords, limit))
+        self._adopt_fleet(registered_fleet(self.spec, self.num_envs, env_keywords, limit, flag("varied", varied)))
         tell(self, end_names=self.configuration.end_names)
         remark(limit, env_keywords.get("horizon"), self.configuration.steps_to_settle, self.reward.uses_horizon)
         bound = self.configuration.observation_bound
@@ -177,16 +183,20 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             kept = self._begun("reset(options={'reset_mask': ...})")
             mask = self._options.mask(options["reset_mask"])
             given = self.task.check_options(
-                {name: options[name] for name in options if name != "reset_mask"}, ("reset_mask",)
+                {name: options[name] for name in options if name != "reset_mask"}, ("reset_mask", *CAR_OPTIONS)
             )
         else:
             kept, mask = None, None
-            given = self.task.check_options(options, ("reset_mask",))
+            given = self.task.check_options(options, ("reset_mask", *CAR_OPTIONS))
+        cars = {name: as_numbers(self._torch, name, given[name]) for name in CAR_OPTIONS if name in given}
+        others = checked_cars(self.task, cars, self.fleet, self.num_envs)
         values = self._options.state(given["state"], "options['state']") if "state" in given else {}
         changes = self.task.option_numbers(given, self._options.allowed)
         if seed is not None:
             self._np_random, self._np_random_seed = seeding.np_random(seed)
             self._generator.manual_seed(shortened(seed))
+        if self.fleet.varied:
+            self._put_cars(others or self.fleet, mask)
         fresh = self._kernels.start(self._uniforms())
         if values:
             fresh = self._with_state(fresh, {**self._kernels.complete(values)._asdict(), **values})
@@ -301,7 +311,8 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
     def snapshot(self) -> TorchSnapshot:
         """The whole state, random generator included."""
         episodes = mapped(lambda value: value.clone(), self._begun("snapshot()"))
-        return TorchSnapshot(episodes, self._generator.get_state())
+        cars = tuple(each.clone() for each in self._cars) if self.fleet.varied else ()
+        return TorchSnapshot(episodes, self._generator.get_state(), cars)
 
     def restore(self, snapshot: TorchSnapshot) -> tuple[Tensor, dict[str, Any]]:
         """Return to a snapshot of this or of an equally made environment; gives observation and info there."""
@@ -314,6 +325,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
                 f"snapshot must be of {self.num_envs} cars in {self.dtype} on {self.device}, of the same task, "
                 f"got one of {numbers.numel()} in {numbers.dtype} on {numbers.device}"
             )
+        self._copy_cars(snapshot.cars)
         self._keep(snapshot.episodes)
         self._generator.set_state(snapshot.generator)
         return self._look()
@@ -328,6 +340,23 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         if self._episodes is None:
             raise gym.error.ResetNeeded(f"call reset() before {asked}")
         return self._episodes
+
+    @property
+    def _cars(self) -> tuple[Tensor, ...]:
+        """The tensors of what each car is made of, which the compiled functions hold."""
+        world = self._kernels.world
+        return (*world.car, *world.settings)
+
+    def _copy_cars(self, cars: tuple[Tensor, ...]) -> None:
+        for mine, kept in zip(self._cars if cars else (), cars, strict=True):
+            mine.copy_(kept)
+
+    def _put_cars(self, fleet: Fleet, mask: Tensor | None) -> None:
+        """In place, in the rows of a mask; the scales of what is observed stay."""
+        for mine, values in zip(self._cars, (*fleet.car, *fleet.settings), strict=True):
+            if mine.ndim:  # the other numbers are the same for every car
+                wanted = self._options.filled(values)
+                mine.copy_(wanted if mask is None else wanted.where(mask, mine))
 
     def _keep(self, episodes: Episodes) -> None:
         """Each number in a tensor of its own: compiled code is compiled again for tensors that share memory."""
@@ -346,7 +375,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         info = {"end": episodes.end.clone(), "cost": cost, "is_success": self._success(episodes)}
         info |= {name: getattr(episodes.episode.task_state, name).clone() for name in self.task.told}
         if self.telemetry:
-            info = {**telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.car), **info}
+            info = {**telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.world.car), **info}
         return observation, info
 
     def _with_state(self, episodes: Episodes, values: Mapping[str, Tensor]) -> Episodes:
@@ -355,7 +384,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         return episodes._replace(state=episodes.state._replace(**state), episode=episodes.episode._replace(**commands))
 
     def _with_task_state(self, episodes: Episodes, numbers: Mapping[str, Any]) -> Episodes:
-        task_state = self.task.task_state_with(episodes.episode.task_state, numbers, self._kernels.car.speed)
+        task_state = self.task.task_state_with(episodes.episode.task_state, numbers, self._kernels.world.car.speed)
         task_state = mapped(self._options.filled, task_state)
         return episodes._replace(episode=episodes.episode._replace(task_state=task_state))
 
@@ -384,11 +413,12 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         kept = {name: value for name, value in self.__dict__.items() if name not in left}
         if self._episodes is not None:
             kept["_episodes"] = mapped(lambda value: value.detach(), self._episodes)
-        return {**kept, "generator": self._generator.get_state()}
+        return {**kept, "generator": self._generator.get_state(), "cars": self._cars if self.fleet.varied else ()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        generator = state.pop("generator")
+        generator, cars = state.pop("generator"), state.pop("cars")
         self.__dict__.update(state)
         self._bind()
+        self._copy_cars(cars)
         self._generator = self._torch.Generator(device=self.device)
         self._generator.set_state(generator)
