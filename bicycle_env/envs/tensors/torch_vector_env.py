@@ -355,7 +355,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         """In place, in the rows of a mask; the scales of what is observed stay."""
         for mine, values in zip(self._cars, (*fleet.car, *fleet.settings), strict=True):
             if mine.ndim:  # the other numbers are the same for every car
-                wanted = self._options.filled(values)
+                wanted = self._options.filled(np.array(values))
                 mine.copy_(wanted if mask is None else wanted.where(mask, mine))
 
     def _keep(self, episodes: Episodes) -> None:
