@@ -101,8 +101,29 @@ def _double(i: Any) -> Any:
     return np.float64(i)
 
 
+def tables(dtype: Any) -> Callable[[tuple[float, ...]], Any]:
+    """``table(values)`` of constants of a type."""
+
+    def table(values: tuple[float, ...]) -> Any:
+        constants = np.array(values, dtype=dtype)
+
+        def lookup(i: Any) -> Any:
+            return constants[i]
+
+        return lookup
+
+    return table
+
+
 NUMBA: elementary.Namespace = elementary.namespace(
-    "numba", choose, np.floor, inlined, multiply_add=multiply_add, integer=integer, real=_double
+    "numba",
+    choose,
+    np.floor,
+    inlined,
+    multiply_add=multiply_add,
+    integer=integer,
+    real=_double,
+    table=tables(np.float64),
 )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from bicycle_env.backends.compiled import choose, inlined, integer, multiply_add
+from bicycle_env.backends.compiled import choose, inlined, integer, multiply_add, tables
 from bicycle_env.physics import elementary
 
 
@@ -53,4 +53,5 @@ NUMBA_FLOAT32: elementary.Namespace = elementary.namespace(
     multiply_add=multiply_add,
     integer=integer,
     real=_single_of,
+    table=tables(np.float32),
 )

@@ -106,7 +106,7 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 300, by default |
     | randomise | `None` | parameters drawn for each episode: `{"friction": (0.3, 1.0)}`, `(0.9, 1.2, "relative")` |
     | disturbances | `()` | on the way: `Gust`, `FrictionStep`, `StiffnessLoss` of `bicycle_env.disturbances` |
-    | driver | `None` | at the front wheels: `"step"`, `"sine_sweep"`, `"sine_with_dwell"`, `"preview"`, an object |
+    | driver | `None` | at the front wheels: one of `bicycle_env.drivers`, or a name: `"step"`, `"preview"`, ... |
     | action_delay | `0` | control steps until an action acts |
     | observation_delay | `0` | how many control steps ago the observations are of |
     | action_repeat | `1` | control steps that an action is held; the reward is their sum, the time limit counts them |

@@ -14,6 +14,7 @@ in pairs (Estrin) because one car alone waits for each result, and a chain of el
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any, Protocol, TypeVar
@@ -102,6 +103,9 @@ class Namespace(Protocol):
 
     def real(self, i: Any, /) -> Any:
         """An integer as a float."""
+
+    def table(self, values: tuple[float, ...], /) -> Callable[[Any], Any]:
+        """``lookup(i) -> values[i]`` for an integer of :meth:`integer` in the table; the values are constants."""
 
     def near_sin(self, r: Any, /) -> Any:
         """sin r for |r| <= pi/2, without the reduction."""
@@ -276,6 +280,13 @@ def tanh(xp: Any) -> Callable[[Any], Any]:
     return tanh
 
 
+def _table(values: tuple[float, ...]) -> Callable[[Any], Any]:
+    def lookup(i: Any) -> Any:
+        return values[i]
+
+    return lookup
+
+
 def namespace(
     name: str,
     where: Callable[..., Any],
@@ -285,6 +296,7 @@ def namespace(
     multiply_add: Callable[..., Any] = multiply_add,
     integer: Callable[..., Any] = int,
     real: Callable[..., Any] = float,
+    table: Callable[[tuple[float, ...]], Any] = _table,
 ) -> Any:
     """Build a :class:`Namespace` from a backend's elementwise choice and floor; `rounding`: the relative one.
 
@@ -296,6 +308,7 @@ def namespace(
     xp.floor = floor
     xp.multiply_add = multiply_add
     xp.integer, xp.real = integer, real
+    xp.table = lambda values: function(table(values))
     xp.minimum = function(minimum(xp))
     xp.maximum = function(maximum(xp))
     xp.half_turns = function(half_turns(xp))
@@ -322,7 +335,17 @@ def array_namespace(module: Any, dtype: Any = None) -> Namespace:
     def real(i: Any) -> Any:
         return module.asarray(i, dtype=module.float64 if dtype is None else dtype)
 
-    xp: Namespace = namespace(module.__name__, module.where, module.floor, integer=integer, real=real)
+    def table(values: tuple[float, ...]) -> Any:
+        @functools.cache
+        def on(**device: Any) -> Any:
+            return module.asarray(values, dtype=module.float64 if dtype is None else dtype, **device)
+
+        def lookup(i: Any) -> Any:
+            return (on() if module is np else on(device=i.device))[i]
+
+        return lookup
+
+    xp: Namespace = namespace(module.__name__, module.where, module.floor, integer=integer, real=real, table=table)
     return xp
 
 

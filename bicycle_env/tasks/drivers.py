@@ -12,6 +12,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+import numpy as np
+
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.records import composed, record_of, replaced
 from bicycle_env.physics.validation import check_frozen, choice, explain_keywords, from_fields, number
@@ -22,6 +24,7 @@ from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.task import Law
 
 MOST_ANGLE = 1.57  # rad
+MOST_SAMPLES = 100_000
 
 
 class Driver(abc.ABC):
@@ -182,7 +185,56 @@ class Preview(Driver):
         return preview
 
 
-LAWS: dict[str, Any] = {"step": Step, "sine_sweep": SineSweep, "sine_with_dwell": SineWithDwell, "preview": Preview}
+@explain_keywords
+@dataclasses.dataclass(frozen=True)
+class Recorded(Driver):
+    """What someone did: road-wheel angles at equal times, straight lines between them, the last one held.
+
+    The angles are constants of the compiled code: another recording compiles anew.
+    """
+
+    name: str = dataclasses.field(default="recorded", init=False, repr=False, compare=False)
+    angles: tuple[float, ...] = (0.0,)
+    """rad, at the times 0, timestep, 2 timestep, ...: any sequence of at most 100,000 numbers."""
+    timestep: float = 0.02
+    """s."""
+    start: float = 0.0
+    """s after the start of the episode: the time of the first angle; before it the wheels are straight."""
+    side: str = "left"
+
+    def __post_init__(self) -> None:
+        given = np.array(self.angles, dtype=object).reshape(-1)
+        if not 1 <= len(given) <= MOST_SAMPLES:
+            raise ValueError(f"angles must be 1 to {MOST_SAMPLES} numbers, got {len(given)}")
+        angles = tuple(number(f"angles[{k}]", value, -MOST_ANGLE, MOST_ANGLE) for k, value in enumerate(given))
+        object.__setattr__(self, "angles", angles)
+        _check(self, timestep=(1e-6, 1e6), start=(0.0, 1e6))
+
+    def numbers(self) -> dict[str, float]:
+        return {"timestep": self.timestep, "start": self.start}
+
+    def law(self, xp: Any, reference: Law) -> Law:
+        last = float(len(self.angles) - 1)
+        lookup = xp.table((*self.angles, self.angles[-1]))
+        integer = xp.integer
+
+        def recorded(state: CarState, task_state: Any, time: Any, own: Any, world: World) -> Any:
+            since = (time - own.start) / own.timestep
+            place = xp.minimum(xp.maximum(since, 0.0), last)
+            whole = xp.floor(place)
+            here, next_one = lookup(integer(whole)), lookup(integer(whole) + 1)
+            return xp.where(since >= 0.0, xp.multiply_add(place - whole, next_one - here, here), 0.0)
+
+        return recorded
+
+
+LAWS: dict[str, Any] = {
+    "step": Step,
+    "sine_sweep": SineSweep,
+    "sine_with_dwell": SineWithDwell,
+    "recorded": Recorded,
+    "preview": Preview,
+}
 
 
 @dataclasses.dataclass(frozen=True)

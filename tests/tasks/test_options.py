@@ -268,6 +268,39 @@ def test_scripted_manoeuvres_by_their_formulas():
     np.testing.assert_allclose(wheel, np.where(time - 0.2 < 2.0, chirp, 0.0), atol=1e-14)
 
 
+def test_a_recording_is_followed_by_straight_lines_and_held():
+    time = 0.02 * np.arange(150)
+    angles = np.random.default_rng(0).uniform(-0.02, 0.02, 40)
+    wheel = wheel_of(drivers.Recorded(angles, timestep=0.05, start=0.3), time)
+    expected = np.where(time >= 0.3, np.interp(time - 0.3, 0.05 * np.arange(40), angles), 0.0)
+    np.testing.assert_allclose(wheel, expected, atol=1e-15)
+    assert wheel[-1] == angles[-1]
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_a_recording_is_the_same_for_one_car_many_and_tensors(dtype):
+    given = {**QUICK, "driver": drivers.Recorded(0.02 * np.sin(np.arange(30.0)), timestep=0.03, side="random")}
+    many = gym.make_vec(STAB, CARS, **given, dtype=dtype, autoreset_mode="Disabled").unwrapped
+    tensors = TorchVectorEnv(STAB, CARS, **given, dtype=dtype, autoreset_mode="Disabled")
+    alone = [gym.make(STAB, **given).unwrapped for _ in range(CARS)]
+    many.reset(seed=0)
+    tensors.reset(seed=0)
+    tensors.set_state({name: torch.from_numpy(values) for name, values in many.state._asdict().items()})
+    for k, env in enumerate(alone):
+        env.reset(seed=k)
+    close = {"rtol": 1e-12, "atol": 1e-12} if dtype == "float64" else {"rtol": 1e-4, "atol": 1e-5}
+    for action in 0.1 * actions(8):
+        many.step(action)
+        tensors.step(torch.from_numpy(action))
+        np.testing.assert_allclose(tensors.state.front_steer, many.state.front_steer, **close)
+        for k, env in enumerate(alone):
+            env.step(action[k])
+            if dtype == "float64":
+                assert env.state == tuple(column[k] for column in many.state)
+            else:
+                assert many.state.front_steer[k] == pytest.approx(env.state.front_steer, rel=1e-4, abs=1e-5)
+
+
 def commands_of(driver, steps, action):
     env = make(**neutral(driver=driver), vehicle="civic", speed=20.0, front_actuator={"angle_limit": 0.5})
     env.reset(seed=0, options={"state": {}})

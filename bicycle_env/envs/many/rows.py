@@ -44,7 +44,7 @@ class Rows:
         )
         self.numbers = np.concatenate([shared, np.zeros(self.blocks * at.width * kind.length, dtype=dtype)])
         self._kept = at.scale if fleet.varied else at.car
-        self._at, self._settings = at, kind.task.Settings
+        self._at = at
         self._shared, self._shape = len(shared), (self.blocks, at.width, kind.length)
         if fleet.varied:
             own = [*fleet.car, *fleet.settings, *(1.0 / fleet.observation_scale.T)]
@@ -74,7 +74,7 @@ class Rows:
             return fleet.car, fleet.settings
         numbers = [self._of(column) for column in range(self._at.car, self._at.scale)]
         count = len(CarParameters._fields)
-        return CarParameters(*numbers[:count]), self._settings(*numbers[count:])
+        return CarParameters(*numbers[:count]), type(fleet.settings)(*numbers[count:])
 
     def _put_all(self, first: int, values: list[Any], mask: NDArray[np.bool_]) -> None:
         for column, each in enumerate(values, start=first):
