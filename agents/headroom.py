@@ -36,7 +36,6 @@ from bicycle_env import Actuator, analysis, control, optimum, plots, provenance
 from bicycle_env.files import write_json
 
 ENV_ID = "BicycleStab-v0"
-LANE = 1.75  # m, from the lane's middle; beyond it by half a body the episode ends
 KEPT_SEQUENCES = 2
 """Of each condition, steering sequences of the search that are written down."""
 
@@ -111,7 +110,7 @@ def bound(env: gym.Env) -> analysis.RecoverableSet:
         friction=plant.friction,
         steer_limits=(plant.front_actuator.angle_limit, plant.rear_actuator.angle_limit),
         horizon=plant.task.episode_steps * plant.control_timestep,
-        lane=LANE + 0.5 * plant.vehicle.body_width,
+        lane=plant.task.road_half_width + 0.5 * plant.vehicle.body_width,
         progress=False,
     )
 

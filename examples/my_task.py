@@ -18,7 +18,6 @@ import numpy as np
 import bicycle_env
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.records import replaced
-from bicycle_env.tasks.ends import end_code
 from bicycle_env.tasks.episode import Reference
 from bicycle_env.tasks.metrics import SHARED, Metric
 from bicycle_env.tasks.rewards import Bounded
@@ -47,7 +46,7 @@ class Gusty(Stabilise):
     ends = ("spun", "left_road", "too_far")
     rewards = {**Stabilise.rewards, "default": Bounded(lateral_weight=4.0, heading_weight=20.0, effort_weight=0.1)}  # noqa: RUF012
 
-    width: float = 3.0  # m: a field is a keyword of gym.make
+    road_half_width: float = 1.5  # m: a field is a keyword of gym.make
 
     def start(self, xp):
         def start(uniforms, world):
@@ -60,12 +59,12 @@ class Gusty(Stabilise):
         return start
 
     def reference(self, xp):  # where the car should be, and the corridor: what is drawn is what is judged
-        width = self.width
+        half_width = self.road_half_width
 
         def reference(state, task_state, world):
             zero = 0.0 * state.lateral_position
             narrow = xp.maximum(1.0 - abs(state.longitudinal_position - 80.0) / 20.0, 0.0)  # 1 in the middle of it
-            return Reference(zero, zero, zero, zero, 0.5 * width * (1.0 - 0.3 * narrow))
+            return Reference(zero, zero, zero, zero, half_width * (1.0 - 0.3 * narrow))
 
         return reference
 
@@ -81,7 +80,7 @@ class Gusty(Stabilise):
         return conditions
 
     def end(self, xp):
-        usual = xp.function(end_code(xp))
+        usual = xp.function(super().end(xp))
 
         def end(state, reference, world):
             code = usual(state, reference, world)

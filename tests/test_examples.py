@@ -59,9 +59,9 @@ def test_an_example_runs_as_its_docstring_says(name, tmp_path):
 def test_the_task_is_the_same_for_one_car_many_and_tensors():
     importlib.import_module("my_task")
     env_id = "Mine/Gusty-v0"
-    given = {**QUICK, "autoreset_mode": "Disabled", "width": 3.2}
+    given = {**QUICK, "autoreset_mode": "Disabled", "road_half_width": 1.6}
     many, tensors = gym.make_vec(env_id, CARS, **given), TorchVectorEnv(env_id, CARS, **given)
-    alone = [gym.make(env_id, **QUICK, width=3.2) for _ in range(CARS)]
+    alone = [gym.make(env_id, **QUICK, road_half_width=1.6) for _ in range(CARS)]
     many.reset(seed=1)
     for k, env in enumerate(alone):
         env.reset(seed=1 + k)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import dataclasses
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from bicycle_env.envs.registered_fleet import registered_fleet
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.tasks.episode import Rules
 from bicycle_env.tasks.stabilise import Stabilise
+from bicycle_env.tasks.task import Task
 
 SOURCE = Path(__file__).parent / "single_track.c"
 STRICT = ("-O3", "-march=native", "-ffp-contract=off")
@@ -33,10 +33,16 @@ def build_line(tire: str, dtype: str, rows: int, target: str) -> list[str]:
     """The command."""
     real = {"float64": "double", "float32": "float"}[dtype]
     names = [f"-DTIRE_{tire.upper()}", f"-DREAL={real}", f"-DROWS={rows}", *(["-DSINGLE"] if real == "float" else [])]
-    weights = dataclasses.asdict(Stabilise.rewards["default"])  # type: ignore[call-overload]
-    names += [f"-D{name.upper()}={value!r}" for name, value in weights.items() if name != "name"]
+    names += [f"-D{name}={value!r}" for name, value in constants(Stabilise()).items()]
     places = ["-I", str(Path(target).parent), str(SOURCE), "-o", target]
     return ["gcc", *flags(tire), "-shared", "-fPIC", *names, *places, "-lmvec", "-lm"]
+
+
+def constants(task: Task) -> dict[str, float]:
+    """What the laws of a task hold as constants, by their names in C."""
+    laws = {"": task.rewards["default"], "_LIMIT": task.limits, "_TOLERANCE": task.tolerances}
+    found = {f"{name}{kind}".upper(): value for kind, law in laws.items() for name, value in vars(law).items()}
+    return {**found, "ROAD_HALF_WIDTH": task.road_half_width}
 
 
 def layout_header(rows: int) -> str:

@@ -6,7 +6,7 @@
    which gcc replaces by the vector functions of libmvec. Build lines: benchmarks/limit/build.py.
 
    -DTIRE_LINEAR | -DTIRE_TANH | -DTIRE_FIALA | -DTIRE_MAGIC_FORMULA, -DREAL=double|float (with float: -DSINGLE), -DROWS=rows a block,
-   -DLATERAL_WEIGHT=1.0 and so on: the weights of the reward, as constants. */
+   -DLATERAL_WEIGHT=1.0 and so on: what the laws hold as constants. */
 
 #include <math.h>
 #include <stdint.h>
@@ -169,14 +169,14 @@ long step(REAL *numbers, const float *actions, const uint64_t *generators, float
             }
         for (int k = 0; k < ROWS; k++) {
             REAL y = c[COLUMN_LATERAL_POSITION][k], heading = c[COLUMN_HEADING][k], v = c[COLUMN_LATERAL_VELOCITY][k], r = c[COLUMN_YAW_RATE][k];
-            int spun = (fabs(v) > w[NUMBER_SIDESLIP_LIMIT] * w[NUMBER_SPEED]) | (fabs(r) > w[NUMBER_YAW_RATE_LIMIT])
-                     | (fabs(heading) > w[NUMBER_HEADING_LIMIT]);
-            int left = fabs(y) > ADD(0.5, w[NUMBER_BODY_WIDTH], w[NUMBER_ROAD_HALF_WIDTH]);
+            int spun = (fabs(v) > (REAL)SIDESLIP_LIMIT * w[NUMBER_SPEED]) | (fabs(r) > (REAL)YAW_RATE_LIMIT)
+                     | (fabs(heading) > (REAL)HEADING_LIMIT);
+            int left = fabs(y) > ADD(0.5, w[NUMBER_BODY_WIDTH], (REAL)ROAD_HALF_WIDTH);
             c[COLUMN_END][k] = spun ? 1.0 : left ? 2.0 : 0.0;
             REAL s = sine(heading);
             REAL reach = ADD(0.5 * w[NUMBER_BODY_WIDTH], fabs(cosine(heading)),
                              most(fabs(ADD(w[NUMBER_FRONT_EXTENT], s, y)), fabs(ADD(-w[NUMBER_REAR_EXTENT], s, y))));
-            cost[k] = reach > w[NUMBER_ROAD_HALF_WIDTH] ? 1.0 : 0.0;
+            cost[k] = reach > (REAL)ROAD_HALF_WIDTH ? 1.0 : 0.0;
             REAL sideslip = v * per_speed;
             REAL df = ADD(-c[COLUMN_FRONT_STEER_COMMAND][k], per_front, front[k]);
             REAL dr = ADD(-c[COLUMN_REAR_STEER_COMMAND][k], per_rear, rear[k]);
@@ -189,8 +189,8 @@ long step(REAL *numbers, const float *actions, const uint64_t *generators, float
             total = ADD((REAL)SMOOTHNESS_WEIGHT, df * df, total);
             total = ADD((REAL)SMOOTHNESS_WEIGHT, dr * dr, total);
             reward[k] = 1.0 / total;
-            int settled = (fabs(y) < w[NUMBER_LATERAL_TOLERANCE]) & (fabs(heading) < w[NUMBER_HEADING_TOLERANCE])
-                        & (fabs(v) < w[NUMBER_SIDESLIP_TOLERANCE] * w[NUMBER_SPEED]) & (fabs(r) < w[NUMBER_YAW_RATE_TOLERANCE]);
+            int settled = (fabs(y) < (REAL)LATERAL_TOLERANCE) & (fabs(heading) < (REAL)HEADING_TOLERANCE)
+                        & (fabs(v) < (REAL)SIDESLIP_TOLERANCE * w[NUMBER_SPEED]) & (fabs(r) < (REAL)YAW_RATE_TOLERANCE);
             c[COLUMN_SETTLED_STEPS][k] = settled ? c[COLUMN_SETTLED_STEPS][k] + 1.0 : 0.0;
             c[COLUMN_STEPS][k] += 1.0;
             c[COLUMN_FRONT_STEER_COMMAND][k] = front_command[k];

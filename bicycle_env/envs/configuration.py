@@ -278,13 +278,7 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
             f"control_timestep must be <= {MOST_GROWTH / growth:.3g} s here, got {control_timestep:g}: without "
             f"steering, a deviation of this car grows as e^({growth:.4g} t)"
         )
-    rules = task.rules(
-        control_timestep=control_timestep,
-        substeps=substeps,
-        horizon=horizon,
-        steers_front=float(steer != "rear"),
-        steers_rear=float(steer != "front"),
-    )
+    rules = Rules(control_timestep, substeps, horizon, float(steer != "rear"), float(steer != "front"))
     entries = task.entries(speed, front_actuator.angle_limit, rear_actuator.angle_limit)
     return Configuration(
         task,

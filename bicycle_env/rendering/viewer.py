@@ -80,7 +80,7 @@ class Viewer:
 
     def _look(self) -> tuple[Reading, Scene]:
         env, setup, car = self._env, setup_of(self._env), self._env.present
-        state, measured, rules = env.state, env.measure(), setup.world.rules
+        state, measured, limits = env.state, env.measure(), env.task.limits
         # restore() may have gone back in time
         self._history = [moment for moment in self._history if moment.time < state.time]
         scene = build_scene(setup, state, measured, [moment.place for moment in self._history])
@@ -100,8 +100,8 @@ class Viewer:
             rear_force=measured["rear_lateral_force"],
             front_grip=setup.front_grip,
             rear_grip=setup.rear_grip,
-            sideslip_limit=rules.sideslip_limit,
-            yaw_rate_limit=rules.yaw_rate_limit,
+            sideslip_limit=limits.sideslip,
+            yaw_rate_limit=limits.yaw_rate,
             end=env.end,
             settled=env.is_success,
         )

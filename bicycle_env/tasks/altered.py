@@ -13,7 +13,8 @@ from typing import Any
 
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.records import joined, part, record_of
-from bicycle_env.tasks.episode import EpisodeState, Rules, World
+from bicycle_env.tasks.ends import Limits, Tolerances
+from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.metrics import Metric
 from bicycle_env.tasks.task import Allowed, Entry, Law, Task
 
@@ -110,6 +111,18 @@ class AlteredTask(Task):
         return None if inner is None else (*inner, *self.kept_flipped)
 
     @property
+    def limits(self) -> Limits:
+        return self.task.limits
+
+    @property
+    def tolerances(self) -> Tolerances:
+        return self.task.tolerances
+
+    @property
+    def road_half_width(self) -> float:
+        return self.task.road_half_width
+
+    @property
     def preview_times(self) -> tuple[float, ...]:
         return self.task.preview_times
 
@@ -123,9 +136,6 @@ class AlteredTask(Task):
 
     def settings(self, speed: float) -> Any:
         return self.Settings(*self.task.settings(speed), *self.numbers.values())
-
-    def rules(self, **shared: float) -> Rules:
-        return self.task.rules(**shared)
 
     def _more(self, record: Any, names: tuple[str, ...]) -> Any:
         taken = set(names) & set(record._fields)

@@ -16,8 +16,8 @@ from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.presets import vehicles
-from bicycle_env.physics.validation import check_frozen
-from bicycle_env.tasks.episode import EpisodeState, Reference, World
+from bicycle_env.physics.validation import check_frozen, positive
+from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
 
@@ -64,17 +64,12 @@ def _check_task(task: Task) -> None:
     for reward in ("default", "quadratic"):
         if not isinstance(task.rewards.get(reward), Reward):
             raise ValueError(f"task {name}: rewards must hold a Reward for {reward!r}, got {task.rewards!r}")
+    positive(f"task {name}: road_half_width", task.road_half_width)
     _check_laws(task, name, _world(task))
 
 
 def _world(task: Task) -> World:
-    rules = task.rules(
-        control_timestep=CONTROL_TIMESTEP,
-        substeps=SUBSTEPS,
-        horizon=task.episode_steps,
-        steers_front=1.0,
-        steers_rear=1.0,
-    )
+    rules = Rules(CONTROL_TIMESTEP, SUBSTEPS, task.episode_steps, steers_front=1.0, steers_rear=1.0)
     return World(car_on_road(vehicles["me303"], SPEED, 1.0, FRONT, REAR), rules, task.settings(SPEED))
 
 
@@ -101,8 +96,9 @@ def _check_reward(task: Task, reward: Reward) -> None:
             raise ValueError(
                 f"reward {name}: it is another one for the mirror image, {found[2:]} instead of {found[:2]}"
             )
-    steps = _tried(f"reward {name}: its law 'forfeit'", reward.forfeit(NUMPY))
-    steps(np.array([0.0, 100.0]), world.car, world.rules)
+    forfeit = reward.forfeit(NUMPY, task)
+    if forfeit is not None:
+        _tried(f"reward {name}: its law 'forfeit'", forfeit)(np.array([0.0, 100.0]), world.car, world.rules)
 
 
 def _check_laws(task: Task, name: str, world: World) -> None:
@@ -130,6 +126,11 @@ def _check_laws(task: Task, name: str, world: World) -> None:
             episode = EpisodeState(*(side * (zero + 0.01),) * 2, zero + 3.0, zero, way)
             wanted = reference(here, way, world)
             _must_be(Reference, wanted, f"task {name}: its law 'reference'")
+            if not np.all(wanted.road_half_width <= task.road_half_width):
+                raise ValueError(
+                    f"task {name}: its road_half_width must be that of the widest place, got {task.road_half_width} "
+                    f"where its law 'reference' says {wanted.road_half_width}"
+                )
             values = observe(here, episode, world)
             if len(values) != seen:
                 raise ValueError(

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.model import Model
-from bicycle_env.tasks.episode import EpisodeState, World
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
 
@@ -42,7 +42,7 @@ def parts(xp: Any, task: Task, model: Model, reward: Reward) -> Parts:
     end_law = xp.function(task.end(xp))
     success_law = xp.function(task.success(xp))
     cost_law = xp.function(task.cost(xp))
-    reward_law = xp.function(reward.law(xp))
+    reward_law = xp.function(_with_forfeit(xp, task, reward))
     before_law = xp.function(_before(xp, task, reward))
     remember_law = xp.function(_remember(xp, task))
 
@@ -129,6 +129,21 @@ def _before(xp: Any, task: Task, reward: Reward) -> Law:
         return before_law(state, reference_law(state, episode.task_state, world), action, world)
 
     return before
+
+
+def _with_forfeit(xp: Any, task: Task, reward: Reward) -> Law:
+    own, forfeit = reward.law(xp), reward.forfeit(xp, task)
+    if forfeit is None:
+        return own
+    law, forfeit_law = xp.function(own), xp.function(forfeit)
+
+    def paid(
+        state: CarState, reference: Reference, action: Axles, episode: EpisodeState, before: Any, end: Any, world: World
+    ) -> Any:
+        gained = law(state, reference, action, episode, before, end, world)
+        return gained + xp.where(end > 0, forfeit_law(episode.steps + 1.0, world.car, world.rules), 0.0)
+
+    return paid
 
 
 def _remember(xp: Any, task: Task) -> Law:

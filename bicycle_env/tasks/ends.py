@@ -2,25 +2,64 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
 from bicycle_env.physics.car import CarState
+from bicycle_env.physics.validation import explain_keywords, positive
 from bicycle_env.tasks.episode import Reference, World
 
 RUNNING, SPUN, LEFT, INVALID_ACTION = 0, 1, 2, 3
 """End codes. The last is not the car's doing: its action was not finite, where many cars may not stop for one."""
 
 
-def end_code(xp: Any) -> Callable[[CarState, Reference, World], Any]:
+@dataclasses.dataclass(frozen=True)
+class _AboveZero:
+    """Fields are finite numbers > 0."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, positive(field.name, getattr(self, field.name)))
+
+
+@explain_keywords
+@dataclasses.dataclass(frozen=True)
+class Limits(_AboveZero):
+    """Beyond them nobody drives on: the episode ends."""
+
+    sideslip: float = 0.8
+    """Of |V / U|, rad."""
+    yaw_rate: float = 2.0
+    """rad/s."""
+    heading: float = 1.2
+    """rad."""
+
+
+@explain_keywords
+@dataclasses.dataclass(frozen=True)
+class Tolerances(_AboveZero):
+    """Within them the car runs straight at its goal."""
+
+    lateral: float
+    """Distance from the goal, m."""
+    heading: float = 0.02
+    """rad."""
+    sideslip: float = 0.02
+    """Of |V / U|, rad."""
+    yaw_rate: float = 0.05
+    """rad/s."""
+
+
+def end_code(xp: Any, limits: Limits) -> Callable[[CarState, Reference, World], Any]:
     """0 while running, 1 if the car has spun, 2 if its whole body has left the corridor."""
+    sideslip, yaw_rate, heading = limits.sideslip, limits.yaw_rate, limits.heading
 
     def end_code(state: CarState, reference: Reference, world: World) -> Any:
-        rules = world.rules
         spun = (
-            (abs(state.lateral_velocity) > rules.sideslip_limit * world.car.speed)
-            | (abs(state.yaw_rate) > rules.yaw_rate_limit)
-            | (abs(state.heading) > rules.heading_limit)
+            (abs(state.lateral_velocity) > sideslip * world.car.speed)
+            | (abs(state.yaw_rate) > yaw_rate)
+            | (abs(state.heading) > heading)
         )
         edge = xp.multiply_add(0.5, world.car.body_width, reference.road_half_width)
         left = abs(state.lateral_position - reference.road_centre) > edge
@@ -29,16 +68,17 @@ def end_code(xp: Any) -> Callable[[CarState, Reference, World], Any]:
     return end_code
 
 
-def settled(xp: Any) -> Callable[[CarState, Reference, World], Any]:
+def settled(xp: Any, tolerances: Tolerances) -> Callable[[CarState, Reference, World], Any]:
     """True where the car runs straight at its goal, within all four tolerances."""
+    lateral, heading = tolerances.lateral, tolerances.heading
+    sideslip, yaw_rate = tolerances.sideslip, tolerances.yaw_rate
 
     def settled(state: CarState, reference: Reference, world: World) -> Any:
-        rules = world.rules
         return (
-            (abs(state.lateral_position - reference.goal) < rules.lateral_tolerance)
-            & (abs(state.heading) < rules.heading_tolerance)
-            & (abs(state.lateral_velocity) < rules.sideslip_tolerance * world.car.speed)
-            & (abs(state.yaw_rate) < rules.yaw_rate_tolerance)
+            (abs(state.lateral_position - reference.goal) < lateral)
+            & (abs(state.heading) < heading)
+            & (abs(state.lateral_velocity) < sideslip * world.car.speed)
+            & (abs(state.yaw_rate) < yaw_rate)
         )
 
     return settled

@@ -38,24 +38,16 @@ class Reference(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Numbers that every task has."""
+    """What the environment decides."""
 
     control_timestep: Any
+    """s."""
     substeps: Any
     horizon: Any
     """Control steps up to which a failure pays, where the reward says so."""
     steers_front: Any
     """1 where the action steers the front axle, else 0."""
     steers_rear: Any
-    road_half_width: Any
-    """From the middle of the corridor to its edge, m."""
-    sideslip_limit: Any
-    yaw_rate_limit: Any
-    heading_limit: Any
-    lateral_tolerance: Any
-    heading_tolerance: Any
-    sideslip_tolerance: Any
-    yaw_rate_tolerance: Any
 
 
 class World(NamedTuple):

@@ -11,9 +11,10 @@ import numpy as np
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.validation import choice, number, positive
 from bicycle_env.tasks import rewards
-from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
+from bicycle_env.tasks.ends import Tolerances
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.metrics import SHARED, Metric, Run
-from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car
+from bicycle_env.tasks.task import Entry, Task, fixed_entries, observed_car
 
 SIDES = {"left": 1.0, "right": -1.0}
 DIRECTIONS = {**SIDES, "random": 0.0}
@@ -53,6 +54,8 @@ class Path(NamedTuple):
 
     lane_width: Any
     """m."""
+    road_half_width: Any
+    """m."""
     change_length: Any
     """Along the road, m."""
     direction: Any
@@ -77,6 +80,7 @@ class LaneChange(Task):
     State = LaneChangeState
     uniforms = 4
     ends = ("spun", "left_road")
+    tolerances = Tolerances(lateral=0.3)
     rewards = {  # noqa: RUF012 (a constant)
         "default": rewards.Bounded(
             lateral_weight=4.0,
@@ -131,6 +135,10 @@ class LaneChange(Task):
         return self.preview_length / self.preview_spacing + 1e-9
 
     @property
+    def road_half_width(self) -> float:
+        return self.lane_width
+
+    @property
     def preview_times(self) -> tuple[float, ...]:
         return tuple(self.preview_spacing * (k + 1) for k in range(int(self._points)))
 
@@ -143,7 +151,7 @@ class LaneChange(Task):
                 "settling_time",
                 "s",
                 "from the start of the change until |y error| stays below the tolerance; none without success",
-                settling_time,
+                lambda run: settling_time(run, self.tolerances.lateral),
             ),
         )
 
@@ -151,21 +159,13 @@ class LaneChange(Task):
         early, late = (0.5, 1.5) if self.change_start is None else (self.change_start, self.change_start)
         return Path(
             lane_width=self.lane_width,
+            road_half_width=self.road_half_width,
             change_length=speed * (self.duration or DURATION) if self.length is None else self.length,
             direction=DIRECTIONS[self.direction],
             earliest_start=speed * early,
             latest_start=speed * late,
             offset=0.3,
             heading=0.02,
-        )
-
-    def rules(self, **shared: float) -> Rules:
-        return Rules(
-            **shared,
-            road_half_width=self.lane_width,
-            **SPUN,
-            lateral_tolerance=0.3,
-            **STRAIGHT,
         )
 
     def start(self, xp: Any) -> Any:
@@ -188,8 +188,9 @@ class LaneChange(Task):
 
         def reference(state: CarState, route: Route, world: World) -> Reference:
             lateral_position, slope = quintic(state.longitudinal_position, route, world)
-            goal = route.direction * world.settings.lane_width
-            return Reference(lateral_position, xp.atan(slope), goal, 0.5 * goal, world.rules.road_half_width)
+            path = world.settings
+            goal = route.direction * path.lane_width
+            return Reference(lateral_position, xp.atan(slope), goal, 0.5 * goal, path.road_half_width)
 
         return reference
 
@@ -239,11 +240,11 @@ def overshoot(run: Run) -> float:
     return max(0.0, float(np.max(run.steps["direction"] * run.steps["goal_error"])))
 
 
-def settling_time(run: Run) -> float | None:
-    """s, or None without success."""
+def settling_time(run: Run, tolerance: float) -> float | None:
+    """s, or None without success; `tolerance` in m."""
     if not run.success:
         return None
-    unsettled = np.abs(run.steps["goal_error"]) >= run.world.rules.lateral_tolerance
+    unsettled = np.abs(run.steps["goal_error"]) >= tolerance
     last = float(np.max(run.steps["time"][unsettled], initial=0.0))
     return last - float(run.steps["change_start"][-1] / run.world.car.speed)
 

@@ -22,7 +22,7 @@ class Reward(abc.ABC):
     """Base of the rewards: frozen, hashable, compared by value."""
 
     uses_horizon: ClassVar[bool] = False
-    """Whether a failure pays for the steps up to ``world.rules.horizon``."""
+    """Whether :meth:`forfeit` counts the steps up to ``rules.horizon``."""
 
     @abc.abstractmethod
     def law(self, xp: Any) -> Law:
@@ -37,13 +37,13 @@ class Reward(abc.ABC):
         """``before(state, reference, action, world)``: a number from before the step; None where none is needed."""
         return None
 
-    def forfeit(self, xp: Any) -> Law:
-        """``forfeit(steps, car, rules)``: of a step whose action was not finite, where many cars go on; 0."""
+    def forfeit(self, xp: Any, task: Any) -> Law | None:
+        """``forfeit(steps, car, rules)``: what a failure after so many control steps adds to the reward; None: nothing.
 
-        def nothing(steps: Any, car: CarParameters, rules: Any) -> Any:
-            return 0.0 * steps
-
-        return nothing
+        The task has the limits and the width of the corridor. Where many cars go on although an action was not finite,
+        it is all that its step is paid.
+        """
+        return None
 
 
 def plus_square(xp: Any) -> Law:
@@ -170,8 +170,6 @@ class Quadratic(Reward):
         return stage_reward
 
     def law(self, xp: Any) -> Law:
-        forfeit = xp.function(self.forfeit(xp))
-
         def quadratic_reward(
             state: CarState,
             reference: Reference,
@@ -181,20 +179,20 @@ class Quadratic(Reward):
             end: Any,
             world: World,
         ) -> Any:
-            return before + xp.where(end > 0, forfeit(episode.steps + 1.0, world.car, world.rules), 0.0)
+            return before
 
         return quadratic_reward
 
-    def forfeit(self, xp: Any) -> Law:
-        worst = xp.function(self.worst_stage_cost(xp))
+    def forfeit(self, xp: Any, task: Any) -> Law:
+        worst = xp.function(self.worst_stage_cost(xp, task))
 
         def forfeit(steps: Any, car: CarParameters, rules: Any) -> Any:
-            return -(xp.maximum(rules.horizon - steps, 0.0) * worst(car, rules))
+            return -(xp.maximum(rules.horizon - steps, 0.0) * worst(car))
 
         return forfeit
 
-    def worst_stage_cost(self, xp: Any) -> Law:
-        """``worst(car, rules)``: the largest x'Qx + u'Ru of any state in which an episode is still running.
+    def worst_stage_cost(self, xp: Any, task: Any) -> Law:
+        """``worst(car)``: the largest x'Qx + u'Ru of any state in which an episode is still running.
 
         The lateral error is at most the width of the corridor plus half a body: the reference, too, lies within it.
         """
@@ -203,13 +201,15 @@ class Quadratic(Reward):
         lateral_velocity_cost, yaw_rate_cost = self.lateral_velocity_cost, self.yaw_rate_cost
         front_steer_cost, rear_steer_cost = self.front_steer_cost, self.rear_steer_cost
         front_command_cost, rear_command_cost = self.front_command_cost, self.rear_command_cost
+        limits, half_width = task.limits, float(task.road_half_width)
+        sideslip, yaw_rate, heading = limits.sideslip, limits.yaw_rate, limits.heading
 
-        def worst_stage_cost(car: CarParameters, rules: Any) -> Any:
-            reach = xp.multiply_add(0.5, car.body_width, 2.0 * rules.road_half_width)
+        def worst_stage_cost(car: CarParameters) -> Any:
+            reach = xp.multiply_add(0.5, car.body_width, 2.0 * half_width)
             total = plus(front_command_cost + rear_command_cost, lateral_cost, reach)  # actions of 1
-            total = plus(total, heading_cost, 2.0 * rules.heading_limit)
-            total = plus(total, lateral_velocity_cost, rules.sideslip_limit * car.speed)
-            total = plus(total, yaw_rate_cost, rules.yaw_rate_limit)
+            total = plus(total, heading_cost, 2.0 * heading)
+            total = plus(total, lateral_velocity_cost, sideslip * car.speed)
+            total = plus(total, yaw_rate_cost, yaw_rate)
             total = plus(total, front_steer_cost, car.front_angle_limit)
             return plus(total, rear_steer_cost, car.rear_angle_limit)
 

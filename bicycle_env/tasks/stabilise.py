@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 from bicycle_env.physics.car import CarState
 from bicycle_env.tasks import rewards
-from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
-from bicycle_env.tasks.task import SPUN, STRAIGHT, Entry, Task, fixed_entries, observed_car
+from bicycle_env.tasks.ends import Tolerances
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
+from bicycle_env.tasks.task import Entry, Task, fixed_entries, observed_car
 
 
 class StabiliseState(NamedTuple):
@@ -53,6 +54,8 @@ class Stabilise(Task):
     State = StabiliseState
     uniforms = 4
     ends = ("spun", "left_lane")
+    road_half_width = 1.75
+    tolerances = Tolerances(lateral=0.5)
     rewards = {  # noqa: RUF012 (a constant)
         "default": rewards.Bounded(
             lateral_weight=1.0,
@@ -70,15 +73,6 @@ class Stabilise(Task):
     def settings(self, speed: float) -> StartBox:
         return StartBox(lateral_position=0.3, course=0.01, sideslip=0.3, yaw_rate=0.8)
 
-    def rules(self, **shared: float) -> Rules:
-        return Rules(
-            **shared,
-            road_half_width=1.75,
-            **SPUN,
-            lateral_tolerance=0.5,
-            **STRAIGHT,
-        )
-
     def start(self, xp: Any) -> Any:
         def start(uniforms: Any, world: World) -> tuple[CarState, Nothing]:
             box = world.settings
@@ -95,9 +89,11 @@ class Stabilise(Task):
         return start
 
     def reference(self, xp: Any) -> Any:
+        half_width = float(self.road_half_width)
+
         def reference(state: CarState, task_state: Nothing, world: World) -> Reference:
             zero = 0.0 * state.lateral_position
-            return Reference(zero, zero, zero, zero, world.rules.road_half_width)
+            return Reference(zero, zero, zero, zero, half_width)
 
         return reference
 

@@ -15,8 +15,8 @@ from typing import Any, ClassVar, NamedTuple
 
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.validation import choice, known_keys, number
-from bicycle_env.tasks.ends import corner_outside, end_code, settled
-from bicycle_env.tasks.episode import EpisodeState, Rules, World
+from bicycle_env.tasks.ends import Limits, Tolerances, corner_outside, end_code, settled
+from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.metrics import SHARED, Metric
 from bicycle_env.tasks.rewards import Reward
 
@@ -37,10 +37,6 @@ Law = Callable[..., Any]
 Allowed = Mapping[str, float] | tuple[float, float]
 """What an option may be: one of some words, each of which stands for a number; or a number in a range."""
 
-SPUN = {"sideslip_limit": 0.8, "yaw_rate_limit": 2.0, "heading_limit": 1.2}
-"""Limits of every task, rad and rad/s: beyond them nobody drives on."""
-STRAIGHT = {"heading_tolerance": 0.02, "sideslip_tolerance": 0.02, "yaw_rate_tolerance": 0.05}
-"""Tolerances of every task, rad and rad/s: within them the car runs straight."""
 SETTLED_SECONDS = 1.0
 """How long the car must have been settled when the time is over, for a success."""
 
@@ -54,7 +50,8 @@ class Task(abc.ABC):
     """Base of the tasks: frozen dataclasses whose fields are the task's own keywords, checked in ``__post_init__``.
 
     What a law takes from a field becomes a constant of the compiled code; what depends on the car or the speed, or
-    should change without compiling anew, goes into ``settings``.
+    should change without compiling anew, goes into ``settings``. What is a property here may be a constant of a
+    subclass, ``limits = Limits(heading=0.5)``, or a field, which is a keyword then.
     """
 
     name: ClassVar[str]
@@ -79,6 +76,21 @@ class Task(abc.ABC):
     """Names in ``TaskState`` that change sign in the mirror image; None for a task that has no mirror image."""
 
     @property
+    def limits(self) -> Limits:
+        """Of :meth:`end` and of the quadratic reward."""
+        return Limits()
+
+    @property
+    @abc.abstractmethod
+    def tolerances(self) -> Tolerances:
+        """Of :meth:`success`."""
+
+    @property
+    @abc.abstractmethod
+    def road_half_width(self) -> float:
+        """From the middle of the corridor to its edge, m, at its widest place: the one of :meth:`reference`."""
+
+    @property
     def preview_times(self) -> tuple[float, ...]:
         """Look-ahead times of the preview in the observation, s."""
         return ()
@@ -101,10 +113,6 @@ class Task(abc.ABC):
     @abc.abstractmethod
     def settings(self, speed: float) -> Any:
         """The task's numbers at a speed, as ``Settings``."""
-
-    @abc.abstractmethod
-    def rules(self, **shared: float) -> Rules:
-        """The shared rules with this task's numbers; `shared` are the fields that the environment decides."""
 
     @abc.abstractmethod
     def start(self, xp: Any) -> Law:
@@ -155,11 +163,11 @@ class Task(abc.ABC):
 
     def end(self, xp: Any) -> Law:
         """``end(state, reference, world) -> code``: 0 while running; what the others mean is in ``ends``."""
-        return end_code(xp)
+        return end_code(xp, self.limits)
 
     def success(self, xp: Any) -> Law:
         """``success(state, reference, world) -> bool``: what must hold for the last second of an episode."""
-        return settled(xp)
+        return settled(xp, self.tolerances)
 
     def cost(self, xp: Any) -> Law:
         """``cost(state, reference, world)``: the safety cost of a step, beside the reward."""

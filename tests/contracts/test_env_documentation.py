@@ -252,10 +252,9 @@ def test_the_start_of_the_lane_change(lane_change):
 
 
 def test_the_limits(page):
-    rules = page.env.rules
+    limits = page.env.task.limits
     page.has(
-        f"|sideslip| > {rules.sideslip_limit}, |yaw rate| > {rules.yaw_rate_limit} rad/s or "
-        f"|heading| > {rules.heading_limit} rad"
+        f"|sideslip| > {limits.sideslip}, |yaw rate| > {limits.yaw_rate} rad/s or |heading| > {limits.heading} rad"
     )
     seconds = page.row.max_episode_steps * page.env.control_timestep
     page.has(f"Truncated after {page.row.max_episode_steps} steps ({seconds:g} s)")
@@ -264,23 +263,23 @@ def test_the_limits(page):
 
 
 def test_the_lane_of_stab(stab):
-    half = stab.env.rules.road_half_width
+    half = stab.env.task.road_half_width
     stab.has(f"the lane, {2 * half} m wide: |lateral_position| > {half} m + half the body")
 
 
 def test_the_tolerances_of_stab(stab):
-    rules = stab.env.rules
+    within = stab.env.task.tolerances
     stab.has(
-        f"|lateral_position| < {rules.lateral_tolerance} m, |heading| < {rules.heading_tolerance}, |sideslip| < "
-        f"{rules.sideslip_tolerance} and |yaw rate| < {rules.yaw_rate_tolerance} rad/s"
+        f"|lateral_position| < {within.lateral} m, |heading| < {within.heading}, |sideslip| < "
+        f"{within.sideslip} and |yaw rate| < {within.yaw_rate} rad/s"
     )
 
 
 def test_the_tolerances_of_the_lane_change(lane_change):
-    rules = lane_change.env.rules
+    within = lane_change.env.task.tolerances
     lane_change.has(
-        f"within {rules.lateral_tolerance} m of the new lane's middle with |heading| < {rules.heading_tolerance}, "
-        f"|sideslip| < {rules.sideslip_tolerance} and |yaw rate| < {rules.yaw_rate_tolerance} rad/s"
+        f"within {within.lateral} m of the new lane's middle with |heading| < {within.heading}, "
+        f"|sideslip| < {within.sideslip} and |yaw rate| < {within.yaw_rate} rad/s"
     )
 
 

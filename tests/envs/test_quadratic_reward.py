@@ -12,13 +12,13 @@ IDS = [row.id for row in ENVIRONMENTS]
 
 def worst(env):
     """By hand: the largest stage cost of a running episode."""
-    rules, costs = env.rules, env.configuration.costs
+    limits, costs = env.task.limits, env.configuration.costs
     half_body = 0.5 * env.vehicle.body_width
     return (
-        costs.lateral_cost * (2.0 * rules.road_half_width + half_body) ** 2
-        + costs.heading_cost * (2.0 * rules.heading_limit) ** 2
-        + costs.lateral_velocity_cost * (rules.sideslip_limit * env.speed) ** 2
-        + costs.yaw_rate_cost * rules.yaw_rate_limit**2
+        costs.lateral_cost * (2.0 * env.task.road_half_width + half_body) ** 2
+        + costs.heading_cost * (2.0 * limits.heading) ** 2
+        + costs.lateral_velocity_cost * (limits.sideslip * env.speed) ** 2
+        + costs.yaw_rate_cost * limits.yaw_rate**2
         + costs.front_steer_cost * env.front_actuator.angle_limit**2
         + costs.rear_steer_cost * env.rear_actuator.angle_limit**2
         + costs.front_command_cost

@@ -30,8 +30,9 @@ class Narrow(Stabilise):
     episode_steps = 120
     ends: ClassVar = ("spun", "left_lane", "turned")
 
-    def rules(self, **shared):
-        return super().rules(**shared)._replace(road_half_width=0.5 * self.width)
+    @property
+    def road_half_width(self):
+        return 0.5 * self.width
 
     def end(self, xp):
         usual = xp.function(super().end(xp))

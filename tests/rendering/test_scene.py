@@ -221,7 +221,7 @@ def test_marks_stay_on_the_road_while_the_car_passes(name):
 @pytest.mark.parametrize("heading", [-1.2, 0.0, 1.2])
 def test_a_car_on_the_point_of_leaving_is_all_in_the_picture(env_id, heading):
     env = env_at(env_id)
-    edge = setup_of(env).world.rules.road_half_width + 0.5 * env.vehicle.body_width
+    edge = env.task.road_half_width + 0.5 * env.vehicle.body_width
     y = env.measure()["reference_road_centre"] + edge
     scene = scene_of(env_at(env_id, {"lateral_position": y, "heading": heading}))
     for x, y in scene.body:

@@ -111,6 +111,11 @@ FAULTS = {
         "names of its entries must differ, got x, x",
     ),
     "another state": ({"State": OtherState}, "State must have the fields longitudinal_position, .*time, got"),
+    "a wider place than the widest": (
+        {"reference": law(lambda state, route, world: Reference(*(0.0 * state.heading,) * 4, 2.0))},
+        "road_half_width must be that of the widest place, got 1.75 where its law 'reference' says 2.0",
+    ),
+    "no road": ({"road_half_width": 0.0}, "road_half_width must be a finite number > 0, got 0"),
     "a name that flips and is not there": ({"flipped": ("direction",)}, "flipped must be names of TaskState"),
 }
 

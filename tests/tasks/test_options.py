@@ -23,7 +23,7 @@ from bicycle_env.tasks import drivers, randomised
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.control_step import command_of
 from bicycle_env.tasks.disturbances import Disturbance, FrictionStep, Gust, StiffnessLoss
-from bicycle_env.tasks.episode import EpisodeState, World
+from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.options import altered
 from bicycle_env.tasks.stabilise import Stabilise
 
@@ -456,9 +456,8 @@ def test_a_disturbance_and_a_driver_of_ones_own():
     task = altered(Stabilise(), disturbances=(Puncture(place=15.0),), driver=Countersteer(gain=0.2))
     check(task)
     assert {"puncture_place", "driver_side"} <= set(task.TaskState._fields)
-    shared = {"control_timestep": 0.02, "substeps": 5, "horizon": 400, "steers_front": 1.0, "steers_rear": 1.0}
     car = car_on_road(CAR, 30.0, 1.0, actuators.FRONT, actuators.REAR)
-    world = World(car, task.rules(**shared), task.settings(30.0))
+    world = World(car, Rules(0.02, 5, 400, 1.0, 1.0), task.settings(30.0))
     state, own = task.start(NUMPY)(np.full(task.uniforms, 0.7), world)
     episode = EpisodeState(0.0, 0.0, 10.0, 0.0, own)
     command = command_of(NUMPY, task)(state, episode, (0.0, 0.0), world)

@@ -39,8 +39,22 @@ class Smooth(rewards.Reward):
         return law
 
 
+@dataclasses.dataclass(frozen=True)
+class Fined(rewards.Reward):
+    """1 for every step; a failure pays the task's limit of the yaw rate for each that is done."""
+
+    def law(self, xp):
+        return lambda state, reference, action, episode, before, end, world: 1.0 + 0.0 * state.heading
+
+    def forfeit(self, xp, task):
+        fine = task.limits.yaw_rate
+        return lambda steps, car, rules: -fine * steps
+
+
 @pytest.mark.parametrize(
-    "reward", [Smooth(), only_all(Smooth(weight=0.5)), only_all(rewards.Quadratic(yaw_rate_cost=3.0))], ids=repr
+    "reward",
+    [Smooth(), Fined(), only_all(Smooth(weight=0.5)), only_all(rewards.Quadratic(yaw_rate_cost=3.0))],
+    ids=repr,
 )
 def test_a_law_of_ones_own_is_the_same_in_every_environment(reward):
     given = {**KIND, "reward": reward, "speed": 40.0}
@@ -52,7 +66,7 @@ def test_a_law_of_ones_own_is_the_same_in_every_environment(reward):
     state = many.unwrapped.state._asdict()
     tensors.set_state({name: np.full(3, column[0]).tolist() for name, column in state.items()})
     rng = np.random.default_rng(1)
-    for _ in range(60):
+    for done in range(1, 60):
         action = rng.uniform(-1.0, 1.0, 2).astype(np.float32)
         before = single.unwrapped.state
         _, expected, terminated, _, _ = single.step(action)
@@ -63,6 +77,8 @@ def test_a_law_of_ones_own_is_the_same_in_every_environment(reward):
             change = float(action[0]) - before.front_steer_command / single.unwrapped.front_actuator.angle_limit
             wanted = -reward.weight * change**2 - abs(before.heading) - reward.failure * terminated
             assert expected == pytest.approx(wanted, rel=1e-12)
+        if isinstance(reward, Fined):
+            assert expected == 1.0 - 2.0 * done * terminated
         if terminated:
             break
     assert terminated

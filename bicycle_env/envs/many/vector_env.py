@@ -406,7 +406,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     def _forfeit(self, rows: Any) -> Any:
         """What an invalid action costs: with the quadratic reward, all steps that are left at the worst."""
-        reward = self.reward.forfeit(NUMPY)(self._rows.column("steps"), self._rows.cars(self.fleet)[0], self.rules)
+        law = self.reward.forfeit(NUMPY, self.task)
+        reward = 0.0 if law is None else law(self._rows.column("steps"), self._rows.cars(self.fleet)[0], self.rules)
         return np.broadcast_to(reward, self.num_envs)[rows]
 
     def __getstate__(self) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
 from bicycle_env.envs.told import read_only, tell
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.elementary import PYTHON
-from bicycle_env.physics.validation import choice, flag, known_keys
+from bicycle_env.physics.validation import choice, flag, from_fields, known_keys
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.task import Task, checked_state
 
@@ -364,7 +364,12 @@ def make_task(env_class: type[SingleTrackEnv], keywords: Mapping[str, Any]) -> T
         if name in ELSEWHERE:
             raise TypeError(f"{name} is no keyword of one car: give it to {ELSEWHERE[name]}")
     known_keys("keyword", keywords, keyword_names(env_class), TypeError)
-    return dataclasses.replace(env_class.default_task, **keywords)  # type: ignore[type-var]
+    default: Any = env_class.default_task
+    given = dict(keywords)
+    for name, value in keywords.items():
+        if isinstance(value, Mapping) and dataclasses.is_dataclass(usual := getattr(default, name)):
+            given[name] = from_fields(name, type(usual), value)  # as JSON has it
+    return dataclasses.replace(default, **given)  # type: ignore[no-any-return]
 
 
 def keyword_names(env_class: type[SingleTrackEnv]) -> list[str]:

@@ -101,7 +101,7 @@ def torch_kernels(
     observe, preview = task.observe(xp), task.preview(xp)
     changing = task.conditions(xp) is not None
     moment = car_of_the_moment(xp, task)
-    axles_law, forfeit_law = model.axles(xp, changing), configuration.reward.forfeit(xp)
+    axles_law, forfeit_law = model.axles(xp, changing), configuration.reward.forfeit(xp, task)
     reach_law, physics_timestep = body_reach(xp), configuration.physics_timestep
 
     start_of_step = tensor(0.0) if changing else 0.0  # a tensor, so that the compiler takes no number for a constant
@@ -149,7 +149,7 @@ def torch_kernels(
         episode, reward, end, _ = finish(state, before.episode, pair, command, number, world)
         after = Episodes(state, episode, end.to(torch.int8), episode.steps >= step_limit)
         stopped = before._replace(end=INVALID_ACTION, timed_out=False)
-        forfeit = forfeit_law(before.episode.steps, car, rules)
+        forfeit = 0.0 if forfeit_law is None else forfeit_law(before.episode.steps, car, rules)
         return chosen(finite, after, stopped), reward.where(finite, forfeit)
 
     def look(episodes: Episodes) -> tuple[Tensor, Tensor]:
