@@ -43,6 +43,7 @@ class Gusty(Stabilise):
     episode_steps = 200
     TaskState, State, flipped = Gust, State, ("wind_force",)  # in the mirror image the wind comes from the other side
     uniforms = 3
+    uniform_corridor = False  # each corner of the body is judged at its own place
     ends = ("spun", "left_road", "too_far")
     rewards = {**Stabilise.rewards, "default": Bounded(lateral_weight=4.0, heading_weight=20.0, effort_weight=0.1)}  # noqa: RUF012
 
@@ -82,8 +83,8 @@ class Gusty(Stabilise):
     def end(self, xp):
         usual = xp.function(super().end(xp))
 
-        def end(state, reference, world):
-            code = usual(state, reference, world)
+        def end(state, reference, episode, world):
+            code = usual(state, reference, episode, world)
             return xp.where((code == 0) & (state.longitudinal_position > 400.0), 4, code)  # 3 is an invalid action
 
         return end

@@ -88,7 +88,9 @@ def test_the_narrow_place_is_judged_and_drawn():
     for place, half in ((0.0, 1.5), (80.0, 1.05), (70.0, 1.275), (200.0, 1.5)):
         env.reset(seed=0, options={"state": {"longitudinal_position": place}})
         assert env.measure()["reference_road_half_width"] == pytest.approx(half, abs=1e-12)
-        assert env.measure()["clearance"] == pytest.approx(half - 0.5 * env.vehicle.body_width, abs=1e-12)
+        corners = [place + env.vehicle.front_extent, place - env.vehicle.rear_extent]  # each at its own place
+        edges = [1.5 * (1.0 - 0.3 * max(1.0 - abs(along - 80.0) / 20.0, 0.0)) for along in corners]
+        assert env.measure()["clearance"] == pytest.approx(min(edges) - 0.5 * env.vehicle.body_width, abs=1e-12)
     names = [metric.name for metric in task.metrics]
     assert names[-1] == "least_clearance"
 

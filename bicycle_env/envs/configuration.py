@@ -33,7 +33,7 @@ from bicycle_env.tasks.checking import check, check_reward
 from bicycle_env.tasks.episode import Rules
 from bicycle_env.tasks.options import altered
 from bicycle_env.tasks.rewards import Quadratic, Reward
-from bicycle_env.tasks.task import SETTLED_SECONDS, Entry, Task
+from bicycle_env.tasks.task import Entry, Task
 
 STEER_MODES = ("front", "rear", "both")
 DEFAULT_SPEED_RATIO = 1.2
@@ -124,7 +124,7 @@ class Configuration:
     @property
     def steps_to_settle(self) -> int:
         """For how many control steps up to the time-out a car must have been settled: then it was a success."""
-        return math.ceil(SETTLED_SECONDS / self.control_timestep - 1e-9)
+        return math.ceil(self.task.settled_seconds / self.control_timestep - 1e-9)
 
     def linear_model(self, quasi_static: bool = False) -> LinearModel:
         """What one step integrates, linearised at straight running; see :class:`Configured`."""

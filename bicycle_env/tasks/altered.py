@@ -106,6 +106,14 @@ class AlteredTask(Task):
         return self.task.rewards
 
     @property
+    def settled_seconds(self) -> float:  # type: ignore[override]
+        return self.task.settled_seconds
+
+    @property
+    def uniform_corridor(self) -> bool:  # type: ignore[override]
+        return self.task.uniform_corridor
+
+    @property
     def flipped(self) -> tuple[str, ...] | None:  # type: ignore[override]
         inner = self.task.flipped
         return None if inner is None else (*inner, *self.kept_flipped)

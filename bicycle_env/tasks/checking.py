@@ -138,8 +138,8 @@ def _check_laws(task: Task, name: str, world: World) -> None:
                     f"preview ({', '.join(names[:seen])}), got {len(values)}"
                 )
             ahead = [preview(here, way, world, time) for time in task.preview_times]
-            _check_ends(name, task, end(here, wanted, world))
-            judged = (end(here, wanted, world), success(here, wanted, world), cost(here, wanted, world))
+            _check_ends(name, task, end(here, wanted, episode, world))
+            judged = tuple(law(here, wanted, episode, world) for law in (end, success, cost))
             signed = (
                 np.array(value) * (sign if side < 0.0 else 1.0)
                 for value, sign in zip((*values, *ahead), mirror, strict=True)

@@ -58,18 +58,14 @@ def parts(xp: Any, task: Task, model: Model, reward: Reward) -> Parts:
     def finish(
         state: CarState, episode: EpisodeState, action: Axles, command: Axles, before: Any, world: World
     ) -> tuple[EpisodeState, Any, Any, Any]:
-        reference = reference_law(state, episode.task_state, world)
-        end = end_law(state, reference, world)
-        cost = cost_law(state, reference, world)
+        own, steps = remember_law(state, episode, action, world), episode.steps + 1.0
+        now = EpisodeState(command[0], command[1], steps, episode.settled_steps, own)
+        reference = reference_law(state, own, world)
+        end = end_law(state, reference, now, world)
+        cost = cost_law(state, reference, now, world)
         gained = reward_law(state, reference, action, episode, before, end, world)
-        after = EpisodeState(
-            command[0],
-            command[1],
-            episode.steps + 1.0,
-            xp.where(success_law(state, reference, world), episode.settled_steps + 1.0, 0.0),
-            remember_law(state, episode, action, world),
-        )
-        return after, gained, end, cost
+        settled = xp.where(success_law(state, reference, now, world), episode.settled_steps + 1.0, 0.0)
+        return EpisodeState(command[0], command[1], steps, settled, own), gained, end, cost
 
     return Parts(begin, advance, finish)
 

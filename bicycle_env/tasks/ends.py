@@ -7,8 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 from bicycle_env.physics.car import CarState
+from bicycle_env.physics.records import replaced
 from bicycle_env.physics.validation import explain_keywords, positive
-from bicycle_env.tasks.episode import Reference, World
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
+
+Law = Callable[..., Any]
 
 RUNNING, SPUN, LEFT, INVALID_ACTION = 0, 1, 2, 3
 """End codes. The last is not the car's doing: its action was not finite, where many cars may not stop for one."""
@@ -51,11 +54,11 @@ class Tolerances(_AboveZero):
     """rad/s."""
 
 
-def end_code(xp: Any, limits: Limits) -> Callable[[CarState, Reference, World], Any]:
+def end_code(xp: Any, limits: Limits) -> Law:
     """0 while running, 1 if the car has spun, 2 if its whole body has left the corridor."""
     sideslip, yaw_rate, heading = limits.sideslip, limits.yaw_rate, limits.heading
 
-    def end_code(state: CarState, reference: Reference, world: World) -> Any:
+    def end_code(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
         spun = (
             (abs(state.lateral_velocity) > sideslip * world.car.speed)
             | (abs(state.yaw_rate) > yaw_rate)
@@ -68,12 +71,12 @@ def end_code(xp: Any, limits: Limits) -> Callable[[CarState, Reference, World], 
     return end_code
 
 
-def settled(xp: Any, tolerances: Tolerances) -> Callable[[CarState, Reference, World], Any]:
+def settled(xp: Any, tolerances: Tolerances) -> Law:
     """True where the car runs straight at its goal, within all four tolerances."""
     lateral, heading = tolerances.lateral, tolerances.heading
     sideslip, yaw_rate = tolerances.sideslip, tolerances.yaw_rate
 
-    def settled(state: CarState, reference: Reference, world: World) -> Any:
+    def settled(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
         return (
             (abs(state.lateral_position - reference.goal) < lateral)
             & (abs(state.heading) < heading)
@@ -98,12 +101,52 @@ def body_reach(xp: Any) -> Callable[[CarState, Reference, World], Any]:
     return body_reach
 
 
-def corner_outside(xp: Any) -> Callable[[CarState, Reference, World], Any]:
-    """1.0 where a corner of the body is outside the corridor, else 0.0."""
-    reach_of = xp.function(body_reach(xp))
+def clearance(xp: Any, task: Any) -> Law:
+    """``clearance(state, reference, episode, world)``: from the corridor's edge to the nearest corner, < 0 outside, m.
 
-    def corner_outside(state: CarState, reference: Reference, world: World) -> Any:
-        reach = reach_of(state, reference, world)
-        return xp.where(reach > reference.road_half_width, 1.0 + 0.0 * reach, 0.0)
+    Where the corridor is not the same beside the whole body, each corner is judged at its own place on the road.
+    """
+    if task.uniform_corridor:
+        reach_of = xp.function(body_reach(xp))
+
+        def clearance(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
+            return reference.road_half_width - reach_of(state, reference, world)
+
+        return clearance
+    corner_of = xp.function(_corner(xp, task))
+
+    def clearance_of_corners(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
+        car, half = world.car, 0.5 * world.car.body_width
+        front_left = corner_of(state, episode, world, car.front_extent, half)
+        front_right = corner_of(state, episode, world, car.front_extent, -half)
+        rear_left = corner_of(state, episode, world, -car.rear_extent, half)
+        rear_right = corner_of(state, episode, world, -car.rear_extent, -half)
+        return xp.minimum(xp.minimum(front_left, front_right), xp.minimum(rear_left, rear_right))
+
+    return clearance_of_corners
+
+
+def _corner(xp: Any, task: Any) -> Law:
+    """``corner(state, episode, world, forward, left)``: a point of the body, from the centre of mass."""
+    reference_law = xp.function(task.reference(xp))
+    moved = replaced(xp, CarState, ("longitudinal_position",))
+
+    def corner(state: CarState, episode: EpisodeState, world: World, forward: Any, left: Any) -> Any:
+        sine, cosine = xp.sin(state.heading), xp.cos(state.heading)
+        along = state.longitudinal_position + xp.multiply_add(forward, cosine, -(left * sine))
+        across = state.lateral_position + xp.multiply_add(forward, sine, left * cosine)
+        there = reference_law(moved(state, along), episode.task_state, world)
+        return there.road_half_width - abs(across - there.road_centre)
+
+    return corner
+
+
+def corner_outside(xp: Any, task: Any) -> Law:
+    """``corner_outside(state, reference, episode, world)``: 1.0 where a corner of the body is outside, else 0.0."""
+    clearance_of = xp.function(clearance(xp, task))
+
+    def corner_outside(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
+        clear = clearance_of(state, reference, episode, world)
+        return xp.where(clear < 0.0, 1.0 + 0.0 * clear, 0.0)
 
     return corner_outside

@@ -37,9 +37,6 @@ Law = Callable[..., Any]
 Allowed = Mapping[str, float] | tuple[float, float]
 """What an option may be: one of some words, each of which stands for a number; or a number in a range."""
 
-SETTLED_SECONDS = 1.0
-"""How long the car must have been settled when the time is over, for a success."""
-
 
 def allowed_number(name: str, value: Any, allowed: Allowed) -> float:
     """The number that a word stands for, or a number in a range; ValueError or TypeError otherwise."""
@@ -72,6 +69,11 @@ class Task(abc.ABC):
     rewards: ClassVar[Mapping[str, Reward]]
     """By the names that ``reward=`` takes: "default" and "quadratic"; the latter is also the cost that controllers get
     for a task without tuned weights."""
+    settled_seconds: ClassVar[float] = 1.0
+    """How long :meth:`success` must have held when the time is over."""
+    uniform_corridor: ClassVar[bool] = True
+    """Whether the corridor of :meth:`reference` is the same beside the whole body; if not, each corner is judged at
+    its own place on the road."""
     flipped: ClassVar[tuple[str, ...] | None] = ()
     """Names in ``TaskState`` that change sign in the mirror image; None for a task that has no mirror image."""
 
@@ -153,7 +155,7 @@ class Task(abc.ABC):
     def remember(self, xp: Any) -> Law | None:
         """``remember(state, episode, action, world) -> TaskState`` after a control step, or None where it stays.
 
-        ``state`` is the one after the step, ``episode`` the one before it.
+        ``state`` is the one after the step, ``episode`` the one before it. The other laws of the step see the result.
         """
         return None
 
@@ -162,16 +164,22 @@ class Task(abc.ABC):
         return None
 
     def end(self, xp: Any) -> Law:
-        """``end(state, reference, world) -> code``: 0 while running; what the others mean is in ``ends``."""
+        """``end(state, reference, episode, world) -> code``: 0 while running; ``ends`` has the others' words.
+
+        ``episode`` is as the control step has left it, as for the two laws that follow.
+        """
         return end_code(xp, self.limits)
 
     def success(self, xp: Any) -> Law:
-        """``success(state, reference, world) -> bool``: what must hold for the last second of an episode."""
+        """``success(state, reference, episode, world) -> bool``: what must hold when the time is over.
+
+        And for ``settled_seconds`` before it. An episode that :meth:`end` ends is no success.
+        """
         return settled(xp, self.tolerances)
 
     def cost(self, xp: Any) -> Law:
-        """``cost(state, reference, world)``: the safety cost of a step, beside the reward."""
-        return corner_outside(xp)
+        """``cost(state, reference, episode, world)``: the safety cost of a step, beside the reward."""
+        return corner_outside(xp, self)
 
     @abc.abstractmethod
     def entries(self, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:

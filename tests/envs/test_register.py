@@ -38,8 +38,8 @@ class Narrow(Stabilise):
         usual = xp.function(super().end(xp))
         width = self.width
 
-        def end(state, reference, world):
-            return xp.where(abs(state.heading) > 0.1 * width, 4, usual(state, reference, world))
+        def end(state, reference, episode, world):
+            return xp.where(abs(state.heading) > 0.1 * width, 4, usual(state, reference, episode, world))
 
         return end
 

@@ -67,23 +67,23 @@ FAULTS = {
         "'reference' fails on two cars at once .*'CarState' object has no attribute 'yawrate'",
     ),
     "a branch": (
-        {"end": law(lambda state, reference, world: 1 if state.heading > 0.0 else 0)},
+        {"end": law(lambda state, reference, episode, world: 1 if state.heading > 0.0 else 0)},
         "'end' fails on two cars at once .it branches on data: use xp.where",
     ),
     "a mean over the cars": (
-        {"cost": law(lambda state, reference, world: 0.0 * state.heading + np.mean(state.heading) ** 2)},
+        {"cost": law(lambda state, reference, episode, world: 0.0 * state.heading + np.mean(state.heading) ** 2)},
         "'cost' mixes the cars",
     ),
     "the first car's": (
-        {"cost": law(lambda state, reference, world: 0.0 * state.heading + state.heading[0] ** 2)},
+        {"cost": law(lambda state, reference, episode, world: 0.0 * state.heading + state.heading[0] ** 2)},
         "'cost' mixes the cars",
     ),
     "a constant": (
-        {"cost": law(lambda state, reference, world: 0.0)},
+        {"cost": law(lambda state, reference, episode, world: 0.0)},
         "'cost' must give one finite number per car, got 0.0",
     ),
     "not finite": (
-        {"cost": law(lambda state, reference, world: state.heading / 0.0)},
+        {"cost": law(lambda state, reference, episode, world: state.heading / 0.0)},
         "'cost' must give one finite number per car",
     ),
     "no reference": (
@@ -95,11 +95,11 @@ FAULTS = {
         r"'start' must return \(CarState, TaskState\); the second must be a Nothing, got tuple",
     ),
     "an end without a word": (
-        {"end": law(lambda state, reference, world: 4 + 0 * state.heading)},
+        {"end": law(lambda state, reference, episode, world: 4 + 0 * state.heading)},
         r"'end' must return codes among \[0, 1, 2\], got \[4",
     ),
     "another one for the mirror image": (
-        {"success": law(lambda state, reference, world: state.heading > 0.0)},
+        {"success": law(lambda state, reference, episode, world: state.heading > 0.0)},
         "law 'success' is another one for the mirror image.*`flipped`",
     ),
     "an entry without a side": (
@@ -130,7 +130,7 @@ def test_a_fault_is_one_line(fault):
 
 
 def test_a_task_without_a_mirror_image_says_so():
-    one_sided = law(lambda state, reference, world: state.heading > 0.0)
+    one_sided = law(lambda state, reference, episode, world: state.heading > 0.0)
     check(variant(success=one_sided, flipped=None))
 
 
@@ -159,18 +159,18 @@ class Wide(Stabilise):
     def end(self, xp):
         limit = self.limit
 
-        def end(state, reference, world):
+        def end(state, reference, episode, world):
             return xp.where(abs(state.heading) > limit, 4, xp.where(state.lateral_velocity < -1e9, 5, 0))
 
         return end
 
     def success(self, xp):
         limit = self.limit
-        return lambda state, reference, world: abs(state.heading) < 0.5 * limit
+        return lambda state, reference, episode, world: abs(state.heading) < 0.5 * limit
 
     def cost(self, xp):
         limit = self.limit
-        return lambda state, reference, world: xp.where(
+        return lambda state, reference, episode, world: xp.where(
             abs(state.heading) > 0.1 * limit, limit + 0.0 * state.heading, 0.0
         )
 

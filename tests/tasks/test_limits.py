@@ -99,7 +99,7 @@ def test_the_tolerances_are_those_of_the_success_also_of_an_altered_task():
     for task in (Strict(), altered(Strict(), action_delay=1)):
         assert task.tolerances == Strict.tolerances
         for y, yaw_rate, expected in ((0.19, 0.029, True), (0.21, 0.0, False), (0.0, 0.031, False)):
-            assert task.success(PYTHON)(CarState(0.0, y, 0.0, 0.0, yaw_rate, 0.0, 0.0), goal, world) == expected
+            assert task.success(PYTHON)(CarState(0.0, y, 0.0, 0.0, yaw_rate, 0.0, 0.0), goal, None, world) == expected
 
 
 def test_the_settling_time_is_of_the_tasks_tolerance():

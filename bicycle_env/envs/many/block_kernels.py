@@ -24,7 +24,7 @@ from bicycle_env.physics.lateral import Axles
 from bicycle_env.physics.records import reader, writer
 from bicycle_env.physics.tires import Linear
 from bicycle_env.tasks.control_step import car_of_the_moment, parts
-from bicycle_env.tasks.ends import body_reach
+from bicycle_env.tasks.ends import clearance
 from bicycle_env.tasks.episode import Reference
 from bicycle_env.tasks.rewards import Reward
 
@@ -107,8 +107,8 @@ def car_functions(kind: Kind) -> CarFunctions:
         block[k + end_column] = 0.0
 
     def cost(block: Any, k: Any, shared: Any) -> Any:
-        mine, state = access.world(block, k, shared), access.state(block, k)
-        return outside(state, reference(state, access.task_state(block, k), mine), mine)
+        mine, state, episode = access.world(block, k, shared), access.state(block, k), access.episode(block, k)
+        return outside(state, reference(state, episode.task_state, mine), episode, mine)
 
     def is_over(block: Any, k: Any, step_limit: Any) -> Any:
         return (block[k + end_column] > 0.0) | (access.episode(block, k).steps >= step_limit)
@@ -358,7 +358,7 @@ def measuring(kind: Kind) -> Any:
     keep_acting = writer(xp, len(Axles._fields), 0, 1)
     keep_reference = writer(xp, len(Reference._fields), len(Axles._fields), 1)
     keep_rest = writer(xp, 3, len(Axles._fields) + len(Reference._fields), 1)
-    reach_law = xp.function(body_reach(xp))
+    clearance_law = xp.function(clearance(xp, kind.task))
 
     def measure(numbers: Any, out: Any) -> None:
         shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
@@ -371,8 +371,8 @@ def measuring(kind: Kind) -> Any:
             keep_acting(out[row], 0, axles_law(state, now))
             reference = reference_law(state, episode.task_state, mine)
             keep_reference(out[row], 0, reference)
-            clearance = reference.road_half_width - reach_law(state, reference, mine)
-            keep_rest(out[row], 0, (now.front_peak_force, now.rear_peak_force, clearance))
+            clear = clearance_law(state, reference, episode, mine)
+            keep_rest(out[row], 0, (now.front_peak_force, now.rear_peak_force, clear))
 
     with announcements.progress(label(kind)):
         return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)

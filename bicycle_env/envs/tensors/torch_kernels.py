@@ -15,7 +15,7 @@ from bicycle_env.envs.telemetry import PEAKS
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import array_namespace
 from bicycle_env.tasks.control_step import car_of_the_moment, parts
-from bicycle_env.tasks.ends import INVALID_ACTION, RUNNING, body_reach
+from bicycle_env.tasks.ends import INVALID_ACTION, RUNNING, clearance
 from bicycle_env.tasks.episode import EpisodeState, World
 
 Tensor = Any
@@ -102,7 +102,7 @@ def torch_kernels(
     changing = task.conditions(xp) is not None
     moment = car_of_the_moment(xp, task)
     axles_law, forfeit_law = model.axles(xp, changing), configuration.reward.forfeit(xp, task)
-    reach_law, physics_timestep = body_reach(xp), configuration.physics_timestep
+    clearance_law, physics_timestep = clearance(xp, task), configuration.physics_timestep
 
     start_of_step = tensor(0.0) if changing else 0.0  # a tensor, so that the compiler takes no number for a constant
 
@@ -160,16 +160,16 @@ def torch_kernels(
             values = torch.cat((values, ahead.T), dim=1)
         scaled = (values * per_scale).to(torch.float32)
         observation = xp.minimum(xp.maximum(scaled, -bound), bound)
-        return observation, cost_law(state, reference_law(state, episode.task_state, world), world)
+        return observation, cost_law(state, reference_law(state, episode.task_state, world), episode, world)
 
     def measure(episodes: Episodes) -> dict[str, Tensor]:
         now = moment(episodes.state, episodes.episode, start_of_step, world)
         acting, zero = axles_law(episodes.state, now), 0.0 * episodes.state.heading
         reference = reference_law(episodes.state, episodes.episode.task_state, world)
         references = {f"reference_{name}": zero + value for name, value in reference._asdict().items()}
-        clearance = reference.road_half_width - reach_law(episodes.state, reference, world)
+        clear = clearance_law(episodes.state, reference, episodes.episode, world)
         peaks = {name: zero + getattr(now, name) for name in PEAKS}
-        return {**acting._asdict(), **references, **peaks, "clearance": clearance}
+        return {**acting._asdict(), **references, **peaks, "clearance": clear}
 
     if compiled:  # one substep: the whole step, unrolled, would take the compiler minutes
         restart, prepare, substep, conclude, look = (
