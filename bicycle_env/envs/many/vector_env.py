@@ -138,6 +138,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._rows = Rows(self._kind, self.fleet, self.num_envs, self.max_episode_steps)
         self._everyone = np.ones(self.num_envs, dtype=np.bool_)
         self._started = False
+        self._changed = False  # whether a reset has given other cars
         always = self.telemetry or bool(self.task.told)
         self._tells_little = not always
         self._plain = self.autoreset_mode is not AutoresetMode.SAME_STEP and not always
@@ -183,7 +184,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         if not self._started and not np.all(mask):
             raise gym.error.ResetNeeded("the first reset() must start all rows: it takes no reset_mask")
         self._generators.seed(seeds, mask)
-        if self.fleet.varied:
+        if others is not None or self._changed:
+            self._changed = True
             self._rows.put_cars(others or self.fleet, mask)
         self._kernels.start(self._numbers, mask, self._generators.addresses)
         if changes:
@@ -292,6 +294,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._refuse_if_closed("restore()")
         self._generators.restore(snapshot.generators)
         self._rows.episodes[:] = snapshot.rows
+        self._changed = self.fleet.varied
         self._started = True
         results = self._new_results()
         self._kernels.look(self._numbers, self._everyone, *results[:2])

@@ -139,6 +139,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self.single_action_space = spaces.Box(-1.0, 1.0, self._action_shape[1:], np.float32)
         self._compiled = flag("compile", compile)
         self._episodes: Episodes | None = None
+        self._changed = False  # whether a reset has given other cars
         self._bind()
 
     def _bind(self) -> None:
@@ -195,7 +196,8 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         if seed is not None:
             self._np_random, self._np_random_seed = seeding.np_random(seed)
             self._generator.manual_seed(shortened(seed))
-        if self.fleet.varied:
+        if others is not None or self._changed:
+            self._changed = True
             self._put_cars(others or self.fleet, mask)
         fresh = self._kernels.start(self._uniforms())
         if values:
@@ -311,7 +313,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
     def snapshot(self) -> TorchSnapshot:
         """The whole state, random generator included."""
         episodes = mapped(lambda value: value.clone(), self._begun("snapshot()"))
-        cars = tuple(each.clone() for each in self._cars) if self.fleet.varied else ()
+        cars = tuple(each.clone() for each in self._cars) if self._changed else ()
         return TorchSnapshot(episodes, self._generator.get_state(), cars)
 
     def restore(self, snapshot: TorchSnapshot) -> tuple[Tensor, dict[str, Any]]:
@@ -325,6 +327,8 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
                 f"snapshot must be of {self.num_envs} cars in {self.dtype} on {self.device}, of the same task, "
                 f"got one of {numbers.numel()} in {numbers.dtype} on {numbers.device}"
             )
+        if self._changed and not snapshot.cars:
+            self._put_cars(self.fleet, None)
         self._copy_cars(snapshot.cars)
         self._keep(snapshot.episodes)
         self._generator.set_state(snapshot.generator)
@@ -348,6 +352,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         return (*world.car, *world.settings)
 
     def _copy_cars(self, cars: tuple[Tensor, ...]) -> None:
+        self._changed = self._changed or bool(cars)
         for mine, kept in zip(self._cars if cars else (), cars, strict=True):
             mine.copy_(kept)
 
@@ -355,7 +360,8 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         """In place, in the rows of a mask; the scales of what is observed stay."""
         for mine, values in zip(self._cars, (*fleet.car, *fleet.settings), strict=True):
             if mine.ndim:  # the other numbers are the same for every car
-                wanted = self._options.filled(np.array(values))
+                column = self._torch.tensor(values, dtype=self.dtype, device=self.device)
+                wanted = column.expand(self.num_envs)
                 mine.copy_(wanted if mask is None else wanted.where(mask, mine))
 
     def _keep(self, episodes: Episodes) -> None:
@@ -413,7 +419,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         kept = {name: value for name, value in self.__dict__.items() if name not in left}
         if self._episodes is not None:
             kept["_episodes"] = mapped(lambda value: value.detach(), self._episodes)
-        return {**kept, "generator": self._generator.get_state(), "cars": self._cars if self.fleet.varied else ()}
+        return {**kept, "generator": self._generator.get_state(), "cars": self._cars if self._changed else ()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         generator, cars = state.pop("generator"), state.pop("cars")

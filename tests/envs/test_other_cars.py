@@ -144,6 +144,26 @@ def test_a_snapshot_and_a_copy_go_on_with_the_car(kind, how):
         np.testing.assert_array_equal(mine, theirs)
 
 
+@pytest.mark.parametrize("kind", ["single", "native", "torch"])
+def test_a_snapshot_of_the_nominal_car_brings_it_back(kind):
+    env = {
+        "single": lambda: gym.make(STAB, **QUICK).unwrapped,
+        "native": lambda: gym.make_vec(STAB, CARS, **QUICK, varied=True).unwrapped,
+        "torch": lambda: TorchVectorEnv(STAB, CARS, **QUICK, varied=True, autoreset_mode="Disabled"),
+    }[kind]()
+    action = (
+        torch.from_numpy(actions()[0]) if kind == "torch" else actions()[0] if kind == "native" else actions()[0, 0]
+    )
+    env.reset(seed=2)
+    kept = env.snapshot()
+    first = [np.asarray(value).copy() for value in (env.step(action)[0], *env.state)]
+    env.reset(seed=2, options={"speed": 20.0, "vehicle": "me303"})
+    env.restore(kept)
+    again = [np.asarray(value).copy() for value in (env.step(action)[0], *env.state)]
+    for mine, theirs in zip(again, first, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
 @pytest.mark.parametrize(
     ("options", "error", "match"),
     [
