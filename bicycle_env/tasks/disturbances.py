@@ -39,7 +39,10 @@ class Disturbance(abc.ABC):
 
     @abc.abstractmethod
     def law(self, xp: Any) -> Law:
-        """``law(car, own, fixed, time) -> CarParameters``: its amounts `own` and constants `fixed`, by their names."""
+        """``law(car, own, fixed, time, state) -> CarParameters``: its amounts `own` and constants `fixed`, by name.
+
+        ``time`` since the start, s; ``state`` of the car, for what lies at a place of the road.
+        """
 
 
 def _checked(name: str, amount: Any, low: float, high: float) -> Amount:
@@ -88,7 +91,7 @@ class Gust(Disturbance):
     def law(self, xp: Any) -> Law:
         pushed = replaced(xp, CarParameters, ("side_force", "yaw_moment"))
 
-        def gust(car: CarParameters, own: Any, fixed: Any, time: Any) -> CarParameters:
+        def gust(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> CarParameters:
             blows = (time >= own.start) & (time < own.start + fixed.duration)
             force = xp.where(blows, own.force, 0.0)
             changed: CarParameters = pushed(
@@ -120,7 +123,7 @@ class FrictionStep(Disturbance):
     def law(self, xp: Any) -> Law:
         slippery = replaced(xp, CarParameters, ("front_peak_force", "rear_peak_force"))
 
-        def friction_step(car: CarParameters, own: Any, fixed: Any, time: Any) -> CarParameters:
+        def friction_step(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> CarParameters:
             begun = time >= own.at
             front, rear = xp.where(begun, own.front, 1.0), xp.where(begun, own.rear, 1.0)
             changed: CarParameters = slippery(car, front * car.front_peak_force, rear * car.rear_peak_force)
@@ -155,7 +158,7 @@ class StiffnessLoss(Disturbance):
     def law(self, xp: Any) -> Law:
         soft = replaced(xp, CarParameters, ("front_cornering_stiffness", "rear_cornering_stiffness"))
 
-        def stiffness_loss(car: CarParameters, own: Any, fixed: Any, time: Any) -> CarParameters:
+        def stiffness_loss(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> CarParameters:
             lost = xp.where(time >= own.at, own.factor - 1.0, 0.0)
             front, rear = 1.0 + fixed.front_part * lost, 1.0 + fixed.rear_part * lost
             changed: CarParameters = soft(
@@ -166,7 +169,67 @@ class StiffnessLoss(Disturbance):
         return stiffness_loss
 
 
-LAWS: dict[str, Any] = {"gust": Gust, "friction_step": FrictionStep, "stiffness_loss": StiffnessLoss}
+@explain_keywords
+@dataclasses.dataclass(frozen=True)
+class IcePatch(Disturbance):
+    """A slippery part of the road: an axle that stands in it has so many times its peak force."""
+
+    flips = ("side",)
+
+    name: str = dataclasses.field(default="ice_patch", init=False, repr=False, compare=False)
+    begin: Amount = 40.0
+    """m along the road."""
+    length: float = 20.0
+    """m."""
+    factor: Amount = 0.3
+    """Of the axle's peak force, in [0.01, 10]."""
+    edge: float | None = 0.0
+    """m from the middle of the starting lane towards the side where the ice lies, all beyond; None: on both sides."""
+    side: str = "random"
+    """Where it lies: "left", "right" or "random"."""
+
+    def __post_init__(self) -> None:
+        _check(self, begin=(0.0, 1e6), length=(0.0, 1e6), factor=(0.01, 10.0))
+        if self.edge is not None:
+            _check(self, edge=(-1e3, 1e3))
+        choice("side", self.side, SIDES)
+
+    def amounts(self) -> dict[str, Amount]:
+        return {"begin": self.begin, "factor": self.factor, "side": 1.0}
+
+    def constants(self) -> dict[str, float]:
+        return {"length": self.length, "edge": -1e6 if self.edge is None else self.edge}
+
+    def law(self, xp: Any) -> Law:
+        slippery = replaced(xp, CarParameters, ("front_peak_force", "rear_peak_force"))
+        part = xp.function(_part_on_ice(xp))
+
+        def ice_patch(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> CarParameters:
+            front, rear = part(own, fixed, state, car.cg_to_front), part(own, fixed, state, -car.cg_to_rear)
+            changed: CarParameters = slippery(car, front * car.front_peak_force, rear * car.rear_peak_force)
+            return changed
+
+        return ice_patch
+
+
+def _part_on_ice(xp: Any) -> Law:
+    """``part(own, fixed, state, ahead)``: of the peak force, of an axle so far before the centre of mass."""
+
+    def part(own: Any, fixed: Any, state: CarState, ahead: Any) -> Any:
+        along = xp.multiply_add(ahead, xp.cos(state.heading), state.longitudinal_position)
+        across = own.side * xp.multiply_add(ahead, xp.sin(state.heading), state.lateral_position)
+        on = (along >= own.begin) & (along < own.begin + fixed.length) & (across >= fixed.edge)
+        return xp.where(on, own.factor, 1.0 + 0.0 * along)
+
+    return part
+
+
+LAWS: dict[str, Any] = {
+    "gust": Gust,
+    "friction_step": FrictionStep,
+    "stiffness_loss": StiffnessLoss,
+    "ice_patch": IcePatch,
+}
 """The disturbances that have a plain form."""
 
 
@@ -243,7 +306,7 @@ def _named(xp: Any, label: str, names: tuple[str, ...]) -> Any:
 def _after(before: Law, law: Law, own: Law, fixed: Law) -> Law:
     def conditions(state: CarState, episode: EpisodeState, time: Any, world: World) -> CarParameters:
         car: CarParameters = law(
-            before(state, episode, time, world), own(episode.task_state), fixed(world.settings), time
+            before(state, episode, time, world), own(episode.task_state), fixed(world.settings), time, state
         )
         return car
 

@@ -22,7 +22,7 @@ from bicycle_env.physics.records import replaced
 from bicycle_env.tasks import drivers, randomised
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.control_step import command_of
-from bicycle_env.tasks.disturbances import Disturbance, FrictionStep, Gust, StiffnessLoss
+from bicycle_env.tasks.disturbances import Disturbance, FrictionStep, Gust, IcePatch, StiffnessLoss
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.options import altered
 from bicycle_env.tasks.stabilise import Stabilise
@@ -39,6 +39,7 @@ EVERYTHING = {
         Gust(start=0.1, duration=0.1, side="left"),
         FrictionStep(at=0.4, front=0.7, rear=(0.5, 0.9)),
         StiffnessLoss(at=0.3),
+        IcePatch(begin=(5.0, 20.0), edge=-0.5),
     ),
     "driver": drivers.SineWithDwell(amplitude=0.01, start=0.1),
 }
@@ -172,6 +173,7 @@ def test_other_numbers_compile_nothing_anew():
             Gust(duration=2.0),
             FrictionStep(front=0.9),
             StiffnessLoss(axle="front"),
+            IcePatch(edge=None, side="left"),
         ),
         "driver": drivers.SineWithDwell(amplitude=0.02, frequency=0.5, side="right"),
     }
@@ -209,6 +211,37 @@ def test_a_reset_may_say_the_number():
 
 
 # Disturbances
+
+
+@pytest.mark.parametrize(("side", "sign"), [("left", 1.0), ("right", -1.0)])
+def test_each_axle_stands_on_ice_or_not_at_its_own_place(side, sign):
+    ice = IcePatch(begin=60.0, length=20.0, factor=0.25, edge=0.5, side=side)
+    env = make(vehicle="civic", speed=25.0, disturbances=(ice,))
+    car = car_on_road(vehicles["civic"], 25.0, 1.0, env.front_actuator, env.rear_actuator)
+    ahead, behind = vehicles["civic"].cg_to_front, vehicles["civic"].cg_to_rear
+    seen = set()
+    for x in np.linspace(55.0, 85.0, 31):
+        for y, heading in ((sign * 0.6, 0.0), (sign * 0.4, 0.0), (sign * 0.5, sign * 0.2), (-sign * 0.6, 0.0)):
+            env.reset(
+                seed=0, options={"state": {"longitudinal_position": x, "lateral_position": y, "heading": heading}}
+            )
+            measured = env.measure()
+            for axle, arm in (("front", ahead), ("rear", -behind)):
+                along, across = x + arm * math.cos(heading), sign * (y + arm * math.sin(heading))
+                on = 60.0 <= along < 80.0 and across >= 0.5
+                seen.add((axle, on))
+                full = getattr(car, f"{axle}_peak_force")
+                assert measured[f"{axle}_peak_force"] == pytest.approx((0.25 if on else 1.0) * full, rel=1e-12)
+    assert len(seen) == 4
+
+
+def test_ice_on_both_sides_is_everywhere():
+    env = make(disturbances=(IcePatch(begin=0.0, length=1e6, factor=0.5, edge=None),))
+    plain = make(friction=0.5)
+    for each in (env, plain):
+        each.reset(seed=1, options={"state": {"longitudinal_position": 10.0, "yaw_rate": 0.3}})
+    for action in 0.2 * actions(20)[:, 0]:
+        assert env.step(action)[0].tobytes() == plain.step(action)[0].tobytes()
 
 
 def test_a_friction_step_is_another_friction_from_then_on():
@@ -430,7 +463,7 @@ class Puncture(Disturbance):
     def law(self, xp):
         soft = replaced(xp, CarParameters, ("rear_cornering_stiffness", "rear_peak_force"))
 
-        def puncture(car, own, fixed, time):
+        def puncture(car, own, fixed, time, state):
             left = xp.where(time * car.speed > own.place, 0.4, 1.0 + 0.0 * time)
             return soft(car, left * car.rear_cornering_stiffness, left * car.rear_peak_force)
 
@@ -540,7 +573,7 @@ class Loose(Disturbance):
         return {}
 
     def law(self, xp):
-        return lambda car, own, fixed, time: car
+        return lambda car, own, fixed, time, state: car
 
 
 def variant(**laws):
