@@ -30,7 +30,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor
 import bicycle_env  # noqa: F401
 from bicycle_env import provenance
 from bicycle_env.files import write_json
-from bicycle_env.wrappers import RecordSuccess, SB3VecEnv
+from bicycle_env.wrappers import SB3VecEnv
 
 ENV_ID, NUM_ENVS, MUST = "BicycleStab-v0", 64, 0.95
 SETTINGS: dict[str, Any] = {
@@ -72,7 +72,7 @@ def native() -> VectorEnv[Any, Any, Any]:
 CONTESTANTS: dict[str, Callable[[], VecEnv]] = {
     "null": lambda: SB3VecEnv(NullVectorEnv(native())),
     "native": lambda: SB3VecEnv(native()),
-    "DummyVecEnv": lambda: DummyVecEnv([lambda: RecordSuccess(gym.make(ENV_ID))] * NUM_ENVS),
+    "DummyVecEnv": lambda: DummyVecEnv([lambda: gym.make(ENV_ID)] * NUM_ENVS),
 }
 
 

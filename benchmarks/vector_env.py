@@ -82,12 +82,7 @@ def kernel(tire: str, in_c: bool, num_envs: int = 4096) -> Callable[[], Round]:
         step = build.kernel(tire) if in_c else env.unwrapped._kernels.step
         rows, generators = env.unwrapped._rows, env.unwrapped._generators.addresses
         start = rows.numbers.copy()
-        results = (
-            np.empty(env.observation_space.shape, np.float32),
-            np.empty((2, num_envs)),
-            np.empty((2, num_envs), np.bool_),
-            np.empty(num_envs, np.int8),
-        )
+        results = env.unwrapped._new_results()
         actions = env.action_space.sample()
 
         def play(count: int) -> int:

@@ -54,7 +54,8 @@ def layout_header(rows: int) -> str:
     names = [f"COLUMN_{name} = {k}" for k, name in enumerate((*CarState._fields, *blocks.KEPT, "end"), columns.state)]
     names += [f"NUMBER_{name} = {k}" for k, name in enumerate(CarParameters._fields, shared.car)]
     names += [f"NUMBER_{name} = {k}" for k, name in enumerate(Rules._fields, shared.rules)]
-    names += [f"NUMBER_STEP_LIMIT = {shared.step_limit}", f"NUMBER_PER_SCALE = {shared.scale}"]
+    names += [f"NUMBER_STEP_LIMIT = {shared.step_limit}", f"NUMBER_STEPS_TO_SETTLE = {shared.steps_to_settle}"]
+    names += [f"NUMBER_PER_SCALE = {shared.scale}"]
     names += [f"NUMBER_BOUND = {shared.bound}", f"COLUMNS = {columns.width}", f"NUMBERS = {shared.whole}"]
     return f"enum {{ {', '.join([*names, f'ENTRIES = {entries}']).upper()} }};\n"
 

@@ -213,6 +213,7 @@ long step(REAL *numbers, const float *actions, const uint64_t *generators, float
             end[row + k] = (int8_t)c[COLUMN_END][k];
             flags[row + k] = over;
             flags[cars + row + k] = late;
+            flags[2 * cars + row + k] = !over & (c[COLUMN_SETTLED_STEPS][k] >= w[NUMBER_STEPS_TO_SETTLE]);
             ended += over | late;
             for (int j = 0; j < ENTRIES; j++) observation[(row + k) * ENTRIES + j] = seen[j][k];
         }

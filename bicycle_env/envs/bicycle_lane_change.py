@@ -74,17 +74,17 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     - `"spun"`: |sideslip| > 0.8, |yaw rate| > 2.0 rad/s or |heading| > 1.2 rad;
     - `"left_road"`: the body is wholly outside of the two lanes.
 
-    Truncated after 300 steps (6 s). `env.unwrapped.is_success` is then True if, during the whole last second,
+    Truncated after 300 steps (6 s). `info["is_success"]` is then True if, during the whole last second,
     the car was within 0.3 m of the new lane's middle with |heading| < 0.02, |sideslip| < 0.02 and
     |yaw rate| < 0.05 rad/s.
 
     ## Info
 
-    `end` (a string) and `cost` (1.0 while a corner of the body is outside of the two lanes, else 0.0). With
-    `telemetry=True` also: front_slip_angle, rear_slip_angle [rad], front_lateral_force, rear_lateral_force [N],
-    lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2], sideslip [rad], front_saturation,
-    rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error [m], heading_error [rad], clearance
-    (from the edge of the corridor to the nearest corner of the body) [m], is_success.
+    `end` (a string), `cost` (1.0 while a corner of the body is outside of the two lanes, else 0.0) and `is_success`
+    (running, and settled for the last second). With `telemetry=True` also: front_slip_angle, rear_slip_angle [rad],
+    front_lateral_force, rear_lateral_force [N], lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2],
+    sideslip [rad], front_saturation, rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error
+    [m], heading_error [rad], clearance (from the edge of the corridor to the nearest corner of the body) [m].
 
     ## Arguments
 

@@ -69,16 +69,16 @@ class BicycleStabEnv(SingleTrackEnv):
     - `"spun"`: |sideslip| > 0.8, |yaw rate| > 2.0 rad/s or |heading| > 1.2 rad;
     - `"left_lane"`: the body is wholly outside of the lane, 3.5 m wide: |lateral_position| > 1.75 m + half the body.
 
-    Truncated after 400 steps (8 s). `env.unwrapped.is_success` is then True if, during the whole last second,
+    Truncated after 400 steps (8 s). `info["is_success"]` is then True if, during the whole last second,
     |lateral_position| < 0.5 m, |heading| < 0.02, |sideslip| < 0.02 and |yaw rate| < 0.05 rad/s.
 
     ## Info
 
-    `end` (a string) and `cost` (1.0 while a corner of the body is outside of the lane, else 0.0). With
-    `telemetry=True` also: front_slip_angle, rear_slip_angle [rad], front_lateral_force, rear_lateral_force [N],
-    lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2], sideslip [rad], front_saturation,
-    rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error [m], heading_error [rad], clearance
-    (from the edge of the corridor to the nearest corner of the body) [m], is_success.
+    `end` (a string), `cost` (1.0 while a corner of the body is outside of the lane, else 0.0) and `is_success`
+    (running, and settled for the last second). With `telemetry=True` also: front_slip_angle, rear_slip_angle [rad],
+    front_lateral_force, rear_lateral_force [N], lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2],
+    sideslip [rad], front_saturation, rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error
+    [m], heading_error [rad], clearance (from the edge of the corridor to the nearest corner of the body) [m].
 
     ## Arguments
 

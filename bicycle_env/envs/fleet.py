@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import LinearModel
@@ -14,9 +16,11 @@ from bicycle_env.analysis.stability import Stability
 from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure, resolve_speed
 from bicycle_env.envs.setup import Setup
+from bicycle_env.envs.time_limit import remark
 from bicycle_env.envs.told import Told, frozen, tell
 from bicycle_env.physics.car import CarParameters, car_on_road
 from bicycle_env.physics.presets import resolve_vehicle
+from bicycle_env.physics.validation import choice, flag, whole
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.task import Task
 
@@ -27,6 +31,9 @@ PER_CAR = ("vehicle", *NUMBERS)
 """Keywords that take one value, or a sequence of num_envs of them."""
 OWN = ("vehicle", "speed", "friction", "relaxation_length", "observation_scale")
 """What an environment then tells per car."""
+MODES = {mode.value: mode for mode in AutoresetMode}
+MOST_STEPS = {"float64": 10**9, "float32": 2**24}
+"""Of an episode, by type of number: float32 counts no further."""
 
 
 CAR_OPTIONS = ("vehicle", "speed", "friction")
@@ -147,12 +154,16 @@ def configure_fleet(origin: Origin, num_envs: int, varied: bool = False) -> Flee
 
 
 class ConfiguredFleet(Configured):
-    """Gives an environment of many cars its configuration's fields as attributes.
+    """Gives an environment of many cars its configuration's fields as attributes, and checks its other keywords.
 
     If one was given per car, ``vehicle`` is a tuple of num_envs Vehicles, ``speed``, ``friction`` and
     ``relaxation_length`` (unless None) are arrays (num_envs,), ``observation_scale`` is one (num_envs, entries).
     """
 
+    metadata: dict[str, Any] = {  # noqa: RUF012 (declared so by Gymnasium)
+        "render_modes": [],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
     fleet = Told[Fleet]()
     max_episode_steps = Told[int | None]()
     staggered_start = Told[bool]()
@@ -160,11 +171,48 @@ class ConfiguredFleet(Configured):
     end_names = Told[tuple[str, ...]]()
     dtype = Told[Any]()
 
-    def _adopt_fleet(self, fleet: Fleet) -> None:
+    def _adopt_options(
+        self,
+        num_envs: int,
+        max_episode_steps: int | None,
+        autoreset_mode: str | AutoresetMode,
+        dtype: str,
+        staggered_start: bool,
+        on_invalid: str,
+        telemetry: bool,
+    ) -> int | None:
+        """Tell what is no part of a car; the time limit in control steps, None: none.
+
+        Raises:
+            ValueError, TypeError: a bad keyword, named with its value and what is allowed.
+        """
+        self.num_envs = whole("num_envs", num_envs)
+        word = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
+        self.autoreset_mode = MODES[choice("autoreset_mode", word, MODES)]
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        most = MOST_STEPS[choice("dtype", dtype, MOST_STEPS)]
+        limit = None if max_episode_steps in (None, -1) else whole("max_episode_steps", max_episode_steps, 1, most)
+        tell(
+            self,
+            max_episode_steps=limit,
+            dtype=dtype,
+            staggered_start=flag("staggered_start", staggered_start),
+            on_invalid=choice("on_invalid", on_invalid, ("raise", "terminate")),
+            telemetry=flag("telemetry", telemetry),
+        )
+        return limit
+
+    def _adopt_fleet(self, fleet: Fleet, horizon: int | None) -> None:
+        """`horizon`: as it was given."""
         self._adopt(fleet.configuration)
         own = {name: frozen(getattr(fleet, name)) for name in OWN}
         car, settings = CarParameters(*map(frozen, fleet.car)), type(fleet.settings)(*map(frozen, fleet.settings))
-        tell(self, fleet=fleet._replace(car=car, settings=settings, **own), **own)
+        end_names = self.configuration.end_names
+        tell(self, fleet=fleet._replace(car=car, settings=settings, **own), end_names=end_names, **own)
+        remark(self.max_episode_steps, horizon, self.configuration.steps_to_settle, self.reward.uses_horizon)
+        bound, self._action_shape = self.configuration.observation_bound, (self.num_envs, self.configuration.axles)
+        self.single_observation_space: spaces.Space[Any] = spaces.Box(-bound, bound, dtype=np.float32)
+        self.single_action_space: spaces.Space[Any] = spaces.Box(-1.0, 1.0, self._action_shape[1:], np.float32)
 
     @property
     def stability(self) -> Stability:

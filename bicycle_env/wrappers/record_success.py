@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import gymnasium as gym
@@ -11,10 +12,11 @@ from gymnasium.utils import RecordConstructorArgs
 class RecordSuccess(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Adds ``info["is_success"]``: at the end of an episode, whether the task is done.
 
-    Put it outside of the time limit, as ``RecordSuccess(gym.make("BicycleStab-v0"))`` does.
+    Deprecated: the environments of this package tell it by themselves. This wrapper will go.
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
+        warnings.warn("RecordSuccess is deprecated: info has is_success without it", DeprecationWarning, stacklevel=2)
         RecordConstructorArgs.__init__(self)
         super().__init__(env)
 

@@ -21,7 +21,6 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from agents import run_folder, sb3_state, stopping, train
 from agents.messages import UserError
 from bicycle_env import provenance
-from bicycle_env.wrappers import RecordSuccess
 
 
 def curve(folder):
@@ -141,7 +140,7 @@ def test_a_longer_run_is_exact_only_without_a_decaying_rate(tmp_path):
 
 def test_an_environment_without_snapshot(tmp_path, monkeypatch):
     def one_by_one(env):
-        return DummyVecEnv([lambda: RecordSuccess(gym.make("BicycleStab-v0"))] * env.num_envs)
+        return DummyVecEnv([lambda: gym.make("BicycleStab-v0")] * env.num_envs)
 
     monkeypatch.setattr(train, "SB3VecEnv", one_by_one)
     with pytest.raises(stopping.Stopped):

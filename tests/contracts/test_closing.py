@@ -93,10 +93,15 @@ def test_many_cars(mode, threads, started):
 @pytest.mark.parametrize("started", [True, False])
 def test_many_cars_on_tensors(started):
     envs = TorchVectorEnv(STAB, 3)
+    snapshot = None
     if started:
         envs.reset(seed=0)
+        snapshot = envs.snapshot()
     envs.close()
     assert envs.closed
+    refused(("snapshot", envs.snapshot))
+    if started:
+        refused(("restore", lambda: envs.restore(snapshot)))
     refused(("step", lambda: envs.step(torch.zeros(3, 2))), ("reset", lambda: envs.reset(seed=0)))
     envs.close()
 

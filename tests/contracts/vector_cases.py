@@ -99,7 +99,6 @@ class Alone:
         seen = Outcome(observation.tobytes(), reward, terminated, truncated, info, None)
         self.over = terminated or truncated
         if self.over and self.mode == "SameStep":
-            info["is_success"] = self.env.unwrapped.is_success
             fresh = self.reset()
             seen = seen._replace(observation=fresh.observation, info=fresh.info, final=seen)
         return seen

@@ -112,7 +112,7 @@ def test_even_with_long_control_steps_a_success_needs_a_settled_step():
 def test_straight_running_at_the_goal_is_a_success_at_the_time_out(env_id):
     goal = {"lateral_position": 3.5} if "Lane" in env_id else {}
     options = {"state": goal, "direction": "left"} if "Lane" in env_id else {"state": goal}
-    env = gym.make(env_id, telemetry=True, **STABLE)
+    env = gym.make(env_id, **STABLE)
     _, info = env.reset(options=options)
     assert info["is_success"] is False
     truncated = False
@@ -200,13 +200,22 @@ def test_a_reset_forgets_the_last_success():
     assert settle(env, 49)[-1] is False
 
 
-def test_record_success_puts_it_into_info():
-    env = RecordSuccess(gym.make("BicycleStab-v0", **STABLE))
+@pytest.mark.parametrize("telemetry", [False, True])
+def test_info_tells_it_in_every_step(telemetry):
+    env = gym.make("BicycleStab-v0", telemetry=telemetry, **STABLE)
     _, info = env.reset(options={"state": {}})
     assert info["is_success"] is False
     told = [env.step(STILL)[4]["is_success"] for _ in range(60)]
     assert told == [False] * 49 + [True] * 11
     assert all(type(value) is bool for value in told)
+    assert env.reset(options={"state": {}})[1]["is_success"] is False
+
+
+def test_record_success_is_no_longer_needed():
+    with pytest.warns(DeprecationWarning, match="RecordSuccess is deprecated: info has is_success without it"):
+        env = RecordSuccess(gym.make("BicycleStab-v0", **STABLE))
+    assert env.reset(seed=0)[1] == env.env.reset(seed=0)[1]
+    assert env.step(STILL)[4].keys() == env.env.step(STILL)[4].keys()
 
 
 def test_render_without_a_mode_warns():

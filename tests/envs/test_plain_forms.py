@@ -83,7 +83,7 @@ def test_a_tire_class_of_ones_own_is_refused_in_words():
         gym.make(spec)
 
 
-@pytest.mark.filterwarnings("ignore:FrontDriver is deprecated")
+@pytest.mark.filterwarnings("ignore:(FrontDriver|RecordSuccess) is deprecated")
 def test_wrappers_are_made_again_from_the_spec():
     env = RecordSuccess(gym.make(STAB, friction=np.float32(0.5)))
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))

@@ -6,11 +6,10 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.wrappers import TimeLimit
+from gymnasium.wrappers import RecordEpisodeStatistics, TimeLimit
 
 from bicycle_env.envs import TorchVectorEnv
 from bicycle_env.registration import ENVIRONMENTS
-from bicycle_env.wrappers import RecordSuccess
 
 STAB = "BicycleStab-v0"
 KIND = {"reward": "quadratic", "tire": "tanh", "geometry": "small_angle"}
@@ -63,7 +62,7 @@ def test_the_registered_limit_is_the_tasks_own(row):
     [
         lambda: gym.make(STAB, max_episode_steps=70),
         lambda: gym.make(gym.make(STAB, max_episode_steps=70).spec),
-        lambda: RecordSuccess(gym.make(STAB, max_episode_steps=70)),
+        lambda: RecordEpisodeStatistics(gym.make(STAB, max_episode_steps=70)),
         lambda: copy.deepcopy(gym.make(STAB, max_episode_steps=70)),
         lambda: pickle.loads(pickle.dumps(gym.make(STAB, max_episode_steps=70))),
         lambda: gym.make_vec(STAB, 1, "sync", max_episode_steps=70).envs[0],

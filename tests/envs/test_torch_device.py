@@ -23,7 +23,7 @@ from bicycle_env.physics.lateral import GEOMETRIES
 @pytest.mark.parametrize("env_id", IDS)
 def test_a_step_reads_nothing_on_the_host(env_id, mode):
     """Fake tensors have no values: whatever asks for one raises."""
-    envs = quick(env_id=env_id, autoreset_mode=mode, telemetry=True)
+    envs = quick(env_id=env_id, autoreset_mode=mode, on_invalid="terminate", telemetry=True)
     envs.reset(seed=0)
     with FakeTensorMode(allow_non_fake_inputs=True):
         observation, reward, *_ = envs.step(zeros(envs))
@@ -58,8 +58,8 @@ def test_all_is_on_the_device(env_id, mode, tire, monkeypatch):
     """Fake CUDA tensors refuse to meet one on the host, and need no GPU."""
     monkeypatch.setattr(torch, "Generator", HostGenerator)
     with FakeTensorMode(allow_non_fake_inputs=True):
-        cars = {"tire": tire, "friction": [1.0, 0.5, 1.0, 1.0]}
-        envs = TorchVectorEnv(env_id, 4, device="cuda", autoreset_mode=mode, telemetry=True, **cars)
+        given = {"autoreset_mode": mode, "on_invalid": "terminate", "telemetry": True, "tire": tire}
+        envs = TorchVectorEnv(env_id, 4, device="cuda", friction=[1.0, 0.5, 1.0, 1.0], **given)
         assert str(envs.device) == "cuda:0"
         observation, info = envs.reset(seed=0, options={"state": {"yaw_rate": 0.1}})
         results = envs.step(torch.zeros(4, 2, device="cuda"))
@@ -67,7 +67,7 @@ def test_all_is_on_the_device(env_id, mode, tire, monkeypatch):
         everything += envs.measure().values()
         tensors = [one for value in everything for one in (value.values() if isinstance(value, dict) else [value])]
         assert {str(tensor.device) for tensor in tensors} == {"cuda:0"}
-        with pytest.raises(ValueError, match="action must be on cuda:0, got one on cpu"):
+        with pytest.raises(ValueError, match="actions must be on cuda:0, got some on cpu"):
             envs.step(torch.zeros(4, 2))
 
 
@@ -105,7 +105,7 @@ def test_a_gpu_drives_the_same(env_id, tire, geometry, reward):
 @pytest.mark.parametrize("compile", [False, True])
 @pytest.mark.parametrize("mode", MODES)
 def test_a_gpu_is_not_waited_for(mode, compile):
-    envs = TorchVectorEnv(STAB, 64, device="cuda", autoreset_mode=mode, compile=compile)
+    envs = TorchVectorEnv(STAB, 64, device="cuda", autoreset_mode=mode, on_invalid="terminate", compile=compile)
     envs.reset(seed=0)
     actions = torch.rand(64, 2, device="cuda")
     with torch.no_grad():
@@ -166,7 +166,7 @@ def test_the_reward_has_the_gradient_of_its_finite_differences(env_id, reward):
 
 
 def test_gradients_are_finite_from_any_state_and_stop_at_the_end_of_an_episode():
-    envs = TorchVectorEnv(STAB, CARS)
+    envs = TorchVectorEnv(STAB, CARS, autoreset_mode="SameStep")
     envs.reset(seed=0)
     envs.set_state(random_states())
     actions = torch.from_numpy(random_actions()).requires_grad_()

@@ -32,7 +32,9 @@ def test_same_step():
     assert torch.equal(reward, gained)
     assert torch.equal(info["final_obs"], last)
     assert info["_final_obs"].tolist() == info["_final_info"].tolist() == [False, True, False, False]
-    assert_same_bits(info["final_info"], told)
+    assert_same_bits(
+        info["final_info"], told | {f"_{name}": info["_final_obs"] for name in ("end", "cost", "is_success")}
+    )
     assert [envs.end_names[code] for code in info["final_info"]["end"]] == ["", "spun", "", ""]
     assert info["end"].tolist() == [0, 0, 0, 0]
     assert [torch.equal(*pair) for pair in zip(observation, last, strict=True)] == [True, False, True, True]
@@ -116,7 +118,7 @@ def test_no_time_limit():
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_bad_action_ends_its_own_row_only(mode, bad):
-    envs, twin = quick(autoreset_mode=mode), quick(autoreset_mode=mode)
+    envs, twin = (quick(autoreset_mode=mode, on_invalid="terminate") for _ in range(2))
     for each in (envs, twin):
         each.reset(seed=2)
     actions = torch.full((4, 2), 0.3)
@@ -142,7 +144,7 @@ def test_a_bad_action_ends_its_own_row_only(mode, bad):
 
 
 def test_a_bad_action_never_pays():
-    envs = quick(reward="quadratic", autoreset_mode="Disabled")
+    envs = quick(reward="quadratic", autoreset_mode="Disabled", on_invalid="terminate")
     single = gym.make(STAB, tire="linear", reward="quadratic").unwrapped
     envs.reset(seed=2)
     envs.step(zeros(envs))
@@ -162,7 +164,7 @@ def test_a_bad_action_can_raise_and_then_nothing_has_changed():
         each.reset(seed=2)
     spoiled = zeros(envs)
     spoiled[3, 0] = np.nan
-    with pytest.raises(ValueError, match=r"action must be finite numbers.*for car 3"):
+    with pytest.raises(ValueError, match=r"actions must be finite, .*; row 3 has \[nan, 0.0\]"):
         envs.step(spoiled)
     assert_same_bits(envs.step(zeros(envs)), twin.step(zeros(envs)))
 
@@ -194,7 +196,7 @@ def test_a_state_returns_as_it_was_given(env_id, dtype):
     observation, info = twin.set_state(state._asdict())
     assert_same_bits(twin.state, state)
     assert_same_bits(observation, envs._look()[0])
-    assert info.keys() == {"end", "cost", "is_success"}
+    assert info.keys() == envs.reset()[1].keys()
     twin.set_state({name: column.tolist() for name, column in state._asdict().items()})
     assert_same_bits(twin.state, state)
     twin.set_state({"heading": 0.25})
@@ -223,7 +225,7 @@ def test_a_snapshot_continues_to_the_bit():
     for action in actions[:3]:
         envs.step(action)
     snapshot = envs.snapshot()
-    seen = envs._look()
+    seen, _ = envs._look()
     first = [envs.step(action) for action in actions]
     assert_same_bits(envs.restore(snapshot), seen)
     assert_same_bits([envs.step(action) for action in actions], first)
@@ -249,7 +251,7 @@ def test_what_is_returned_belongs_to_the_caller(mode):
     for value in everything:
         for tensor in value.values() if isinstance(value, dict) else [value]:
             tensor.fill_(1)
-    envs._checked_action(actions, envs._episodes).add_(1.0)
+    envs._checked_actions(actions, envs._episodes).add_(1.0)
     assert_same_bits(envs.step(torch.ones(4, 2)), twin.step(torch.ones(4, 2)))
     assert expected[1].all()
 
@@ -271,7 +273,7 @@ BAD_KEYWORDS = [
     ({"autoreset_mode": "nextstep"}, ValueError, "autoreset_mode must be one of .*did you mean 'NextStep'"),
     ({"autoreset_mode": 1}, TypeError, "autoreset_mode must be one of"),
     ({"max_episode_steps": 0}, ValueError, "max_episode_steps must be a whole number"),
-    ({"on_invalid": "ignore"}, ValueError, "on_invalid must be one of 'terminate', 'raise', got 'ignore'"),
+    ({"on_invalid": "ignore"}, ValueError, "on_invalid must be one of 'raise', 'terminate', got 'ignore'"),
     ({"compile": 1}, TypeError, "compile must be True or False, got 1"),
     ({"staggered_start": "no"}, TypeError, "staggered_start must be True or False"),
     ({"tyre": "fiala"}, TypeError, "unknown keyword 'tyre'; did you mean 'tire'"),
@@ -303,9 +305,9 @@ BAD_OPTIONS = [
     ({"state": {"yawrate": np.zeros(4)}}, ValueError, "unknown state name 'yawrate'; did you mean 'yaw_rate'"),
     ({"state": [0.0] * 4}, TypeError, r"options\['state'\] must be a mapping"),
     ({"direction": "left"}, ValueError, "unknown reset option 'direction'"),
-    ({"reset_mask": [True, False]}, ValueError, r"\['reset_mask'\] must be num_envs = 4 booleans, got \[True, "),
-    ({"reset_mask": torch.ones(4)}, ValueError, "reset_mask"),
-    ({"reset_mask": None}, ValueError, "reset_mask"),
+    ({"reset_mask": [True] * 4}, TypeError, r"\['reset_mask'\] must be a tensor or array of bool, got \[True, "),
+    ({"reset_mask": torch.ones(4)}, TypeError, "reset_mask"),
+    ({"reset_mask": np.array([True, False])}, ValueError, r"\['reset_mask'\] must have shape \(4,\), got array"),
     (["state"], TypeError, "options must be a mapping"),
 ]  # fmt: skip
 
@@ -346,9 +348,9 @@ def test_bad_states_are_named_and_nothing_changes(state, error, match):
         (np.zeros((4, 2), np.float32), TypeError, r"tensor of \(4, 2\) real numbers on cpu, got ndarray"),
         (torch.zeros(4, 2, dtype=torch.bool), TypeError, "got torch.bool"),
         (torch.zeros(4, 2, dtype=torch.complex64), TypeError, "got torch.complex64"),
-        (torch.zeros(4, 1), ValueError, r"action must have shape \(4, 2\) \(steer='both'\), got \(4, 1\)"),
-        (torch.zeros(2), ValueError, "action must have shape"),
-        (torch.zeros(4, 2, device="meta"), ValueError, "action must be on cpu, got one on meta"),
+        (torch.zeros(4, 1), ValueError, r"actions must have shape \(4, 2\) \(steer='both'\), got \(4, 1\)"),
+        (torch.zeros(2), ValueError, "actions must have shape"),
+        (torch.zeros(4, 2, device="meta"), ValueError, "actions must be on cpu, got some on meta"),
     ],
 )  # fmt: skip
 def test_bad_actions_are_named_and_nothing_changes(action, error, match):
@@ -383,7 +385,6 @@ def test_what_needs_a_reset_says_so():
         lambda: envs.measure(),
         lambda: envs.set_state({}),
         lambda: envs.detach(),
-        lambda: envs.reset(options={"reset_mask": [True] * 4}),
     ):
         with pytest.raises(gym.error.ResetNeeded, match=r"call reset\(\) before"):
             ask()
@@ -413,7 +414,7 @@ def test_it_looks_like_a_vector_environment(env_id, mode):
     envs.action_space.seed(0)
     observation, info = envs.reset(seed=0)
     assert observation.numpy() in envs.observation_space
-    assert info.keys() == {"end", "cost", "is_success"}
+    assert info.keys() == {"end", "cost", "is_success", "_end", "_cost", "_is_success"}
     observation, reward, *_ = envs.step(torch.from_numpy(envs.action_space.sample()))
     assert observation.numpy() in envs.observation_space
     assert reward.shape == (3,)

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 import bicycle_env  # noqa: F401
 from bicycle_env.registration import ENVIRONMENTS
-from bicycle_env.wrappers import RecordSuccess, SB3VecEnv
+from bicycle_env.wrappers import SB3VecEnv
 
 IDS = [row.id for row in ENVIRONMENTS]
 ROWS = 5
@@ -34,7 +34,7 @@ def native(env_id="BicycleStab-v0", number=ROWS, **keywords):
 
 
 def singles(env_id="BicycleStab-v0", number=ROWS, **keywords):
-    return DummyVecEnv([lambda: RecordSuccess(gym.make(env_id, **keywords))] * number)
+    return DummyVecEnv([lambda: gym.make(env_id, **keywords)] * number)
 
 
 def actions(number, rows=ROWS, axles=2):
@@ -241,7 +241,7 @@ def test_gymnasiums_sync_vector_env_gives_the_same():
         *expected, wanted = theirs.step(action)
         assert_same_arrays(arrays, expected)
         for info, want in zip(infos, wanted, strict=True):
-            assert info.keys() - {"is_success"} == want.keys()
+            assert info.keys() == want.keys()
             np.testing.assert_array_equal(info.get("terminal_observation"), want.get("terminal_observation"))
 
 
@@ -371,7 +371,7 @@ def test_checkpoint_and_resume(tmp_path):
 
 
 def test_success_is_recorded_at_the_end_and_not_at_the_beginning():
-    env = RecordSuccess(gym.make("BicycleStab-v0", max_episode_steps=60))
+    env = gym.make("BicycleStab-v0", max_episode_steps=60)
     _, info = env.reset(seed=0, options={"state": {}})
     assert info["is_success"] is False
     for _ in range(60):

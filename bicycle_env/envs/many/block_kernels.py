@@ -41,8 +41,8 @@ Not with the linear tire and small angles, which have nothing to wait for.
 class Kernels(NamedTuple):
     """The compiled functions. `numbers`: what all rows share, then the blocks, one flat array.
 
-    Of a step they fill observation (n, entries), values (2, n): reward and cost, flags (2, n): terminated and
-    truncated, and end (n,): codes. Rows whose episode has ended are waiting.
+    Of a step they fill observation (n, entries), values (2, n): reward and cost, flags (3 or more, n): terminated,
+    truncated and success, and end (n,): codes. Rows whose episode has ended are waiting.
     """
 
     step: Callable[..., int]
@@ -129,7 +129,7 @@ def _step(kind: Kind, reward: Reward) -> Any:
     block_size, uniforms = block_columns * length, task.uniforms
     begin, advance, finish = (xp.function(law) for law in parts(xp, task, kind.model, reward))
     keep_after = blocks.keeper(kind)
-    limit_at, times, shared_size = place.step_limit, place.times, place.whole
+    limit_at, settle_at, times, shared_size = place.step_limit, place.steps_to_settle, place.times, place.whole
 
     # The scratch: a block, and after it what one step needs of each car.
     action_at, before_at, result_at, waits_at, seen_at = (block_columns + k for k in (0, 4, 5, 7, 8))
@@ -162,7 +162,7 @@ def _step(kind: Kind, reward: Reward) -> Any:
     ) -> int:
         shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
         cars, axle = actions.shape[0], actions.shape[1] - 1
-        step_limit = shared_numbers[limit_at]
+        step_limit, steps_to_settle = shared_numbers[limit_at], shared_numbers[settle_at]
 
         # Before anything changes: are the actions good?
         taken = actions[first * length : last * length].reshape(-1)
@@ -277,12 +277,15 @@ def _step(kind: Kind, reward: Reward) -> Any:
                 costs[k] = scratch[k + cost_column]
             ends = end[row : row + here]
             terminated, truncated = flags[0, row : row + here], flags[1, row : row + here]
+            success = flags[2, row : row + here]
             for k in range(here):
                 ends[k] = np.int8(scratch[k + end_column])
             for k in range(here):
                 terminated[k] = scratch[k + end_column] > 0.0
             for k in range(here):
                 truncated[k] = access.episode(scratch, k).steps >= step_limit
+            for k in range(here):
+                success[k] = (access.episode(scratch, k).settled_steps >= steps_to_settle) & (ends[k] == 0)
             for k in range(here):
                 ended += terminated[k] | truncated[k]
             seen = flat_observation[row * entries : (row + here) * entries]

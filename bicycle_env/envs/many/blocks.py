@@ -81,6 +81,8 @@ class SharedLayout(NamedTuple):
 
     step_limit: int
     """In steps; infinite where episodes have none."""
+    steps_to_settle: int
+    """Consecutive steps within the tolerances that make a success."""
     car: int
     rules: int
     settings: int
@@ -100,6 +102,7 @@ def shared_layout(kind: Kind) -> SharedLayout:
     """The places of what all rows share; the blocks follow."""
     sizes = [
         1,
+        1,
         len(CarParameters._fields),
         len(Rules._fields),
         len(kind.task.Settings._fields),
@@ -115,10 +118,10 @@ def _places(sizes: list[int]) -> list[int]:
     return [sum(sizes[:k]) for k in range(len(sizes) + 1)]
 
 
-def shared_numbers(kind: Kind, world: World, scale: Any, bound: Any, step_limit: float) -> Any:
+def shared_numbers(kind: Kind, world: World, scale: Any, bound: Any, step_limit: float, steps_to_settle: int) -> Any:
     """The array of :class:`SharedLayout`."""
     car, rules, settings = world
-    numbers = [step_limit, *car, *rules, *settings, *(1.0 / scale), *bound, *kind.task.preview_times]
+    numbers = [step_limit, steps_to_settle, *car, *rules, *settings, *(1.0 / scale), *bound, *kind.task.preview_times]
     return np.array([*numbers, *[0.0] * (shared_layout(kind).whole - len(numbers))], dtype=kind.dtype)
 
 

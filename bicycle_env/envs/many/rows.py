@@ -41,6 +41,7 @@ class Rows:
             first.observation_scale,
             first.observation_bound,
             math.inf if step_limit is None else step_limit,
+            first.steps_to_settle,
         )
         self.numbers = np.concatenate([shared, np.zeros(self.blocks * at.width * kind.length, dtype=dtype)])
         self._kept = at.scale if fleet.varied else at.car

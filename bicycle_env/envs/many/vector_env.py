@@ -9,7 +9,6 @@ from typing import Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -22,18 +21,14 @@ from bicycle_env.envs.many.threads import Threads
 from bicycle_env.envs.registered_fleet import fleet_of
 from bicycle_env.envs.single.single_track_env import FLOAT32, ONE_CAR, SingleTrackEnv, converted_action, keyword_names
 from bicycle_env.envs.telemetry import MEASURED, telemetry
-from bicycle_env.envs.time_limit import remark
 from bicycle_env.envs.told import Told, read_only, tell
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.validation import choice, flag, known_keys, whole
+from bicycle_env.physics.validation import flag, known_keys, whole
 from bicycle_env.tasks.ends import INVALID_ACTION
 from bicycle_env.tasks.episode import EpisodeState, World
 
-BOOL, INT8 = np.dtype(np.bool_), np.dtype(np.int8)
-MODES = {mode.value: mode for mode in AutoresetMode}
+INT8 = np.dtype(np.int8)
 MOST_THREADS = 1024
-MOST_STEPS = {"float64": 10**9, "float32": 2**24}
-"""float32 counts no further."""
 
 
 class VectorSnapshot(NamedTuple):
@@ -52,17 +47,19 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
 
     Args:
         num_envs: how many cars.
-        max_episode_steps: time limit in control steps; by default the task's, -1: none.
-        autoreset_mode: "NextStep", "SameStep" or "Disabled", or Gymnasium's enum. "SameStep" returns the last
-            observation and info of a row that ended as ``info["final_obs"]`` (num_envs, entries) and
-            ``info["final_info"]``, the latter with ``is_success``. "Disabled": reset rows by
-            ``reset(options={"reset_mask": mask})``; a row that has ended stays where it is.
+        max_episode_steps: control steps until the time-out, which truncates; by default the task's, -1: none.
+        autoreset_mode: "NextStep", "SameStep" or "Disabled", or Gymnasium's enum. "NextStep": a row that has ended
+            starts anew in the next step, which ignores its action and gives reward 0. "SameStep": in the same step, and
+            its last observation and info are ``info["final_obs"]`` (num_envs, entries) and ``info["final_info"]``.
+            "Disabled": it stays where it is, with reward 0 and its flags, until
+            ``reset(options={"reset_mask": mask})``.
         dtype: "float64", or "float32" for twice the speed.
         threads: share the rows among so many threads.
         staggered_start: after a reset of all rows, the episode of row i begins at a later time of its clock, evenly
             spread, so that the time-outs of all rows do not fall together.
-        on_invalid: an action that is not finite: "raise", before anything changes; or "terminate" its row, with the
-            end code 3, while the others go on.
+        on_invalid: what an action that is not finite does. "raise": ValueError, before anything changes. "terminate":
+            the episode of its row ends as "invalid_action", the car stays, its reward is 0 (quadratic: all steps that
+            are left are paid for), and the others go on.
         telemetry: more in ``info``.
         varied: each car has numbers of its own, which the options ``vehicle``, ``speed`` and ``friction`` of ``reset``
             may change. So it is in any case where a keyword is given per car.
@@ -70,13 +67,11 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         keywords: those of the single environment. vehicle, speed, speed_ratio, friction and
             relaxation_length take one value or num_envs.
 
-    ``info``: ``end`` (num_envs,) int8, see ``end_names``; ``cost`` (num_envs,).
+    ``info``, (num_envs,) each: ``end``, int8 codes whose words are ``end_names``; ``cost``, 1.0 while a corner of the
+    body is outside of the corridor; ``is_success``, running and settled for the last second: at a time-out, a success.
+    A mask ``_name`` beside each ``name`` says of which rows it tells.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012 (declared so by Gymnasium)
-        "render_modes": [],
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
     single_class: ClassVar[type[SingleTrackEnv]]
     threads = Told[int]()
 
@@ -98,45 +93,23 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         own = [name for name in inspect.signature(SingleTrackVectorEnv).parameters if name != "keywords"]
         shared = [name for name in keyword_names(self.single_class) if name not in ONE_CAR]
         known_keys("keyword", keywords, [*own, *shared], TypeError)
-        self.num_envs = whole("num_envs", num_envs)
-        mode = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
-        self.autoreset_mode = MODES[choice("autoreset_mode", mode, MODES)]
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        tell(
-            self,
-            dtype=choice("dtype", dtype, ("float64", "float32")),
-            threads=whole("threads", threads, 1, MOST_THREADS),
-            staggered_start=flag("staggered_start", staggered_start),
-            on_invalid=choice("on_invalid", on_invalid, ("raise", "terminate")),
-            telemetry=flag("telemetry", telemetry),
-        )
+        steps = self.single_class.default_task.episode_steps if max_episode_steps is None else max_episode_steps
+        limit = self._adopt_options(num_envs, steps, autoreset_mode, dtype, staggered_start, on_invalid, telemetry)
+        tell(self, threads=whole("threads", threads, 1, MOST_THREADS))
         if render_mode is not None:
             raise ValueError(f"render_mode must be None for many cars (draw one by gym.make), got {render_mode!r}")
-        steps = self.single_class.default_task.episode_steps if max_episode_steps is None else max_episode_steps
-        limit = None if steps == -1 else whole("max_episode_steps", steps, 1, MOST_STEPS[self.dtype])
-        self._adopt_fleet(fleet_of(self.single_class, self.num_envs, keywords, limit, flag("varied", varied)))
-        tell(self, max_episode_steps=limit, end_names=self.configuration.end_names)
-        remark(limit, keywords.get("horizon"), self.configuration.steps_to_settle, self.reward.uses_horizon)
-
-        bound = self.configuration.observation_bound
-        self.single_observation_space = spaces.Box(-bound, bound, dtype=np.float32)
-        self.single_action_space = spaces.Box(-1.0, 1.0, (self.configuration.axles,), np.float32)
+        fleet = fleet_of(self.single_class, self.num_envs, keywords, limit, flag("varied", varied))
+        self._adopt_fleet(fleet, keywords.get("horizon"))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._observation_shape = (self.num_envs, len(bound))
-        self._value_shape = (2, self.num_envs)
-        self._action_shape = (self.num_envs, self.configuration.axles)
-
+        entries = len(self.observation_names)
+        self._observation_shape, self._value_shape = (self.num_envs, entries), (2, self.num_envs)
         self._kind = blocks.Kind(
-            self.task,
-            self.model,
-            len(bound),
-            blocks.best_length(self.num_envs),
-            self.fleet.varied,
-            self.dtype,
+            self.task, self.model, entries, blocks.best_length(self.num_envs), self.fleet.varied, self.dtype
         )
         self._rows = Rows(self._kind, self.fleet, self.num_envs, self.max_episode_steps)
-        self._everyone = np.ones(self.num_envs, dtype=np.bool_)
+        self._flags = np.ones((4, self.num_envs), dtype=np.bool_)
+        self._everyone = self._flags[3]
         self._started = False
         self._changed = False  # whether a reset has given other cars
         always = self.telemetry or bool(self.task.told)
@@ -195,9 +168,10 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             spread = np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
             self._rows.put({"steps": spread.astype(np.float64)}, mask)
         self._started = True
-        observation, values, _, _ = self._new_results()
+        observation, values, flags, end = results = self._new_results()
         self._kernels.look(self._numbers, self._everyone, observation, values)
-        return observation, self._info(self._rows.column("end").astype(np.int8), values[1])
+        flags[2], end[:] = self.is_success, self._rows.column("end")
+        return observation, self._info(results)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """One control step of all rows, or ``action_repeat`` of them; finite values outside [-1, 1] saturate.
@@ -224,18 +198,17 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
             or not actions.flags.carray
         ):
             actions = converted_action(actions, self._action_shape, self.steer)
-        results = self._new_results()
+        observation, values, flags, end = results = self._new_results()
         once = self.action_repeat == 1
         ended = self._run_once(actions, results, self._restarts) if once else self._run_repeated(actions, results)
-        observation, values, flags, end = results
         if self._plain or (not ended and self._tells_little):
-            here = self._everyone.copy()
-            info = {"end": end, "cost": values[1], "_end": here, "_cost": here}
+            cost, success, here = values[1], flags[2], flags[3]
+            info = {"end": end, "cost": cost, "is_success": success, "_end": here, "_cost": here, "_is_success": here}
             return observation, values[0], flags[0], flags[1], info
         more: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended:
-            more = self._restarted(flags[0] | flags[1], observation, values, end)
-        return observation, values[0], flags[0], flags[1], {**self._info(end, values[1]), **more}
+            more = self._restarted(flags[0] | flags[1], results)
+        return observation, values[0], flags[0], flags[1], {**self._info(results), **more}
 
     def close_extras(self, **_: Any) -> None:
         """Stop the threads; then only what is, such as ``state``, can be asked."""
@@ -256,7 +229,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     @property
     def is_success(self) -> NDArray[np.bool_]:
         """(num_envs,): running, and settled for the last second; at a time-out, a success."""
-        return np.asarray(self._settled & (self._rows.column("end") == 0))
+        settled = self._rows.column("settled_steps") >= self.configuration.steps_to_settle
+        return np.asarray(settled & (self._rows.column("end") == 0))
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -324,11 +298,14 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         return (mine.shape, mine.dtype, self.num_envs) == (theirs.shape, theirs.dtype, len(snapshot.generators))
 
     def _new_results(self) -> tuple[Any, Any, Any, Any]:
-        """Observation, values (reward, cost), flags (terminated, truncated) and end codes of a step."""
+        """Observation, values (reward, cost), flags (terminated, truncated, success, all True) and end codes of a step.
+
+        The last flags are what ``info`` says of which rows it tells; a copy of all four takes no longer than one array.
+        """
         return (
             np.empty(self._observation_shape, FLOAT32),
             np.empty(self._value_shape),
-            np.empty(self._value_shape, BOOL),
+            self._flags.copy(),
             np.empty(self.num_envs, INT8),
         )
 
@@ -351,7 +328,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         if self._restarts and np.any(waiting):
             self._kernels.start(self._numbers, waiting, self._generators.addresses)
             self._kernels.look(self._numbers, waiting, observation, values)
-            flags[:, waiting], end[waiting] = False, 0
+            flags[:3, waiting], end[waiting] = False, 0
         return int(np.count_nonzero(flags[0] | flags[1]))
 
     def _run_shared(self, *arguments: Any) -> int:
@@ -376,16 +353,17 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._rows.put({"end": INVALID_ACTION}, bad)
         self._kernels.look(self._numbers, bad, observation, values)
         values[0, bad] = self._forfeit(bad)
-        flags[0, bad], flags[1, bad], end[bad] = True, False, INVALID_ACTION
+        flags[0, bad], flags[1:3, bad], end[bad] = True, False, INVALID_ACTION
         return int(np.count_nonzero(flags[0] | flags[1]))
 
-    def _restarted(self, over: Any, observation: Any, values: Any, end: Any) -> dict[str, Any]:
+    def _restarted(self, over: Any, results: tuple[Any, Any, Any, Any]) -> dict[str, Any]:
         """Start the rows that have ended, in the same step; their last observation and info."""
-        final_info = self._info(end.copy(), values[1].copy(), over)
+        observation, values, flags, end = results
+        final_info = self._info((None, values.copy(), flags.copy(), end.copy()), over)
         final = {"final_obs": observation.copy(), "_final_obs": over, "final_info": final_info}
         self._kernels.start(self._numbers, over, self._generators.addresses)
         self._kernels.look(self._numbers, over, observation, values)
-        end[over] = 0
+        end[over], flags[2, over] = 0, False
         return {**final, "_final_info": over.copy()}
 
     @property
@@ -394,17 +372,13 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
         return np.asarray((self._rows.column("end") > 0) | (self._rows.column("steps") >= limit))
 
-    @property
-    def _settled(self) -> NDArray[np.bool_]:
-        return np.asarray(self._rows.column("settled_steps") >= self.configuration.steps_to_settle)
-
-    def _info(self, end: Any, cost: Any, rows: Any = None) -> dict[str, Any]:
-        info = {"end": end, "cost": cost, **{name: self._rows.column(name) for name in self.task.told}}
+    def _info(self, results: tuple[Any, Any, Any, Any], rows: Any = None) -> dict[str, Any]:
+        _, values, flags, end = results
+        info = {"end": end, "cost": values[1], "is_success": flags[2]}
+        info |= {name: self._rows.column(name) for name in self.task.told}
         if self.telemetry:
             info |= telemetry(self.state, self.measure(), self._rows.cars(self.fleet)[0])
-        if self.telemetry or rows is not None:  # a row that has begun its next episode cannot be asked any more
-            info["is_success"] = self._settled & (end == 0)
-        here = self._everyone.copy() if rows is None else rows.copy()
+        here = flags[3] if rows is None else rows.copy()
         return {**info, **{f"_{name}": here for name in info}}
 
     def _forfeit(self, rows: Any) -> Any:

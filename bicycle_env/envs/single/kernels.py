@@ -25,8 +25,8 @@ class Kernels(NamedTuple):
 
     start: Callable[..., None]
     look: Callable[..., None]
-    step: Callable[[Any, Any, float, float], tuple[float, int, float]]
-    """``step(numbers, observation, front, rear) -> (reward, end, cost)``; front and rear are actions."""
+    step: Callable[[Any, Any, float, float], tuple[float, int, float, bool]]
+    """``step(numbers, observation, front, rear) -> (reward, end, cost, success)``; front and rear are actions."""
     measure: Callable[..., None]
 
 
@@ -35,11 +35,11 @@ def _step(kind: Kind, reward: Reward) -> Any:
     xp, access, car, place = kind.xp, blocks.access(kind), block_kernels.car_functions(kind), shared_layout(kind)
     step_law = xp.function(transition(xp, kind.task, kind.model, reward))
     keep_after = blocks.keeper(kind)
-    size, times, entries = place.whole, place.times, kind.entries
+    size, times, entries, settle_at = place.whole, place.times, kind.entries, place.steps_to_settle
 
-    def step(numbers: Any, observation: Any, front: float, rear: float) -> tuple[float, int, float]:
+    def step(numbers: Any, observation: Any, front: float, rear: float) -> tuple[float, int, float, bool]:
         if not (np.isfinite(front) and np.isfinite(rear)):
-            return 0.0, BAD_ACTION, 0.0
+            return 0.0, BAD_ACTION, 0.0, False
         shared_numbers, block = numbers[:size], numbers[size:]
         shared = access.shared(shared_numbers)
         front = min(max(front, -1.0), 1.0) * shared.rules.steers_front
@@ -58,9 +58,9 @@ def _step(kind: Kind, reward: Reward) -> Any:
             per_scale, bound = access.scaling(shared_numbers, j)
             ahead = car.preview(block, 0, shared, shared_numbers[times + j - fixed])
             observation[j] = access.entry(ahead, block, 0, per_scale, bound, j)
-        return gained, end, cost
+        return gained, end, cost, end == 0.0 and episode.settled_steps >= shared_numbers[settle_at]
 
-    result = numba.types.Tuple((numba.float64, numba.int64, numba.float64))
+    result = numba.types.Tuple((numba.float64, numba.int64, numba.float64, numba.boolean))
     row = numba.float64[::1]
     return compiled.entry_point(step, result(row, numba.float32[::1], numba.float64, numba.float64))
 

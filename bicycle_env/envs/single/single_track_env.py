@@ -167,17 +167,18 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             action = converted_action(action, self._action_shape, self.steer, np.float64)
         values = action.tolist()
         observation = np.empty(self._observation_size, FLOAT32)
-        reward, end, cost = self._step(self._numbers, observation, values[0], values[-1])
+        reward, end, cost, success = self._step(self._numbers, observation, values[0], values[-1])
+        terminated, word = False, ""
         if end:
             if end == BAD_ACTION:
                 raise ValueError(f"action must be finite numbers, nominally in [-1, 1], got {action!r}")
-            self._end_code = end
+            self._end_code, terminated, word = end, True, self._end_names[end]
         if self._plain:
-            return observation, reward, end > 0, False, {"end": self._end_names[end], "cost": cost}
+            return observation, reward, terminated, False, {"end": word, "cost": cost, "is_success": success}
         if self.render_mode == "human":
             self.render()
         truncated = self.action_repeat > 1 and self._steps >= self._limit
-        return observation, reward, end > 0, truncated, self._info(cost)
+        return observation, reward, terminated, truncated, self._info(cost)
 
     def render(self) -> Any:
         """Draw the present state: an array (height, width, 3) of uint8 for "rgb_array", a window for "human"."""
@@ -299,28 +300,27 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._numbers[shared_layout(self._kind).rules + Rules._fields.index("horizon")] = horizon
 
     def _info(self, cost: float) -> dict[str, Any]:
-        info: dict[str, Any] = {"end": self.end, "cost": cost}
+        info: dict[str, Any] = {"end": self.end, "cost": cost, "is_success": self.is_success}
         if self.task.told:
             state = self.state
             info |= {name: getattr(state, name) for name in self.task.told}
         if self.telemetry:
             info |= telemetry(self.state, self.measure(), self._car)
-            info["is_success"] = self.is_success
         return info
 
     @property
     def _steps(self) -> float:
         return float(self._episode[self._at.kept + STEPS])
 
-    def _step_repeated(self, *arguments: Any) -> tuple[float, int, float]:
+    def _step_repeated(self, *arguments: Any) -> tuple[float, int, float, bool]:
         """The compiled step, ``action_repeat`` times unless the episode ends before: the sum of the rewards."""
-        reward, end, cost = self._kernels.step(*arguments)
+        reward, end, cost, success = self._kernels.step(*arguments)
         for _ in range(self.action_repeat - 1):
             if end or self._steps >= self._limit:
                 break
-            more, end, cost = self._kernels.step(*arguments)
+            more, end, cost, success = self._kernels.step(*arguments)
             reward += more
-        return reward, end, cost
+        return reward, end, cost, success
 
     def _step_after_close(self, *_: Any) -> Any:
         self._refuse_if_closed("step()")

@@ -64,9 +64,11 @@ class TorchOptions:
 
     def mask(self, value: Any) -> Tensor:
         """Booleans, one per car."""
-        column = self._tensor(value)
-        if column is None or column.dtype != self._torch.bool or column.shape != (self._num_envs,):
-            raise ValueError(f"options['reset_mask'] must be num_envs = {self._num_envs} booleans, got {value!r}")
+        column = self._tensor(value) if isinstance(value, (np.ndarray, self._torch.Tensor)) else None
+        if column is None or column.dtype != self._torch.bool:
+            raise TypeError(f"options['reset_mask'] must be a tensor or array of bool, got {value!r}")
+        if column.shape != (self._num_envs,):
+            raise ValueError(f"options['reset_mask'] must have shape ({self._num_envs},), got {value!r}")
         return column.clone()  # gradients remember it
 
     def filled(self, value: Any) -> Tensor:

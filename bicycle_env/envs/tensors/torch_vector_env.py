@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import gymnasium as gym
-import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -18,19 +17,13 @@ from gymnasium.vector.utils import batch_space
 from bicycle_env.envs.fleet import CAR_OPTIONS, ConfiguredFleet, Fleet
 from bicycle_env.envs.many.rows import checked_cars
 from bicycle_env.envs.registered_fleet import keywords_of_id, registered_fleet, registered_spec
-from bicycle_env.envs.single.single_track_env import SingleTrackEnv
 from bicycle_env.envs.telemetry import telemetry as telemetry_of
 from bicycle_env.envs.tensors.torch_device import as_numbers, device_and_generator, import_torch, shortened
 from bicycle_env.envs.tensors.torch_kernels import Episodes, Tensor, chosen, mapped, torch_kernels
 from bicycle_env.envs.tensors.torch_options import TorchOptions
-from bicycle_env.envs.time_limit import remark
 from bicycle_env.envs.told import read_only, tell
-from bicycle_env.physics.validation import choice, flag, known_keys, whole
+from bicycle_env.physics.validation import flag, known_keys, whole
 from bicycle_env.tasks.ends import RUNNING
-
-DTYPES = ("float64", "float32")
-ON_INVALID = ("terminate", "raise")
-AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
 
 
 class TorchSnapshot(NamedTuple):
@@ -46,42 +39,30 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
     """``num_envs`` cars of one environment id, on torch tensors: the same laws as the single environment.
 
     A Gymnasium vector environment whose observations, actions, rewards and infos are tensors on one device. ``step``,
-    the autoreset and the random starts take place there: nothing is copied to the host or waits for it. In float64 a
-    step equals the single environment's to 1e-12. Actions that require a gradient make everything that follows
-    differentiable; under ``torch.no_grad()`` nothing is recorded.
+    the autoreset and the random starts take place there; with ``on_invalid="terminate"`` nothing is copied to the host
+    or waits for it. In float64 a step equals the single environment's to 1e-12. Actions that require a gradient make
+    everything that follows differentiable; under ``torch.no_grad()`` nothing is recorded.
 
-        envs = TorchVectorEnv("BicycleStab-v0", 4096, device="cuda", friction=torch.linspace(0.4, 1.0, 4096))
+        envs = TorchVectorEnv("BicycleStab-v0", 4096, device="cuda", on_invalid="terminate")
         observation, info = envs.reset(seed=0)
         observation, reward, terminated, truncated, info = envs.step(policy(observation))
 
     Args:
         env_id: a registered id of this package's kind.
-        num_envs: how many cars.
-        device: where all tensors are, as torch takes it.
+        num_envs, max_episode_steps, autoreset_mode, staggered_start, telemetry: as of ``gym.make_vec(env_id)``, whose
+            docstring describes them. With "SameStep", ``final_obs`` and ``final_info`` are in the info of every step,
+            also of one in which no car's episode ends.
         dtype: "float64" or "float32" (or torch's own): of the physics and of rewards; observations are float32.
-        autoreset_mode: "SameStep" | "NextStep" | "Disabled", or Gymnasium's enum. SameStep: a car whose episode ends
-            starts anew in the same step; ``info["final_obs"]`` and ``info["final_info"]`` hold what it ended with
-            (where ``info["_final_obs"]``; elsewhere the present values). NextStep: it starts anew in the next step,
-            which ignores its action and gives reward 0. Disabled: it stays where it is, with reward 0 and its flags,
-            until ``reset(options={"reset_mask": mask})``.
-        max_episode_steps: control steps until the time-out, which truncates; the registered number by default, -1:
-            none.
-        staggered_start: the first episode of car i begins at a later time of its clock, evenly spread, so that the
-            time-outs of all cars do not fall together.
-        on_invalid: "terminate" ends the episode of a car whose action is not finite, and no other's: the car stays,
-            its end is "invalid_action", its reward 0 (quadratic: all steps that are left are paid for). "raise"
-            raises ValueError before anything changes; to know, the host must wait for the device in every step.
-        telemetry: more in ``info``, as the single environment's.
-        varied: each car has numbers of its own, which the options ``vehicle``, ``speed`` and ``friction`` of ``reset``
-            may change, in place: gradients do not flow across such a reset.
+        varied: as there; cars change in place: gradients do not flow across such a reset.
+        on_invalid: as there. To "raise", the host must wait for the device in every step: on a GPU, "terminate" is for
+            speed.
+        device: where all tensors are, as torch takes it.
         compile: compile the RK4 substep, and what comes before and after the substeps, with torch.compile: many times
             faster, after a minute in the first steps. Needs a C++ compiler on the CPU, Triton on a GPU.
         **env_keywords: as of the single environment, without ``render_mode``; ``vehicle``, ``speed``, ``speed_ratio``
             and ``friction`` take one value or a sequence or tensor of num_envs of them.
 
-    ``info`` (tensors (num_envs,)): ``end``, int8 codes whose words are ``end_names``; ``cost``, 1.0 while a corner of
-    the body is outside of the corridor; ``is_success``, running and settled for the last second: at a time-out, a
-    success.
+    ``info`` holds what it holds there, as tensors (num_envs,).
 
     One generator, on the device, draws for all cars in every step: the same seed, num_envs, dtype and kind of device
     give the same run, and no car's starts depend on what the others do. ``np_random_seed`` is what it was seeded with;
@@ -96,16 +77,16 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
     def __init__(
         self,
         env_id: str,
-        num_envs: int,
+        num_envs: int = 1,
         *,
-        device: Any = "cpu",
-        dtype: Any = "float64",
-        autoreset_mode: str | AutoresetMode = "SameStep",
         max_episode_steps: int | None = None,
+        autoreset_mode: str | AutoresetMode = "NextStep",
+        dtype: Any = "float64",
         staggered_start: bool = False,
-        on_invalid: str = "terminate",
+        on_invalid: str = "raise",
         telemetry: bool = False,
         varied: bool = False,
+        device: Any = "cpu",
         compile: bool = False,
         **env_keywords: Any,
     ) -> None:
@@ -113,30 +94,15 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self.spec = registered_spec(env_id)
         known_keys("keyword", env_keywords, [*own, *keywords_of_id(self.spec)], TypeError)
         torch = import_torch()
-        self.num_envs = whole("num_envs", num_envs)
-        word = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
-        self.autoreset_mode = AUTORESET_MODES[choice("autoreset_mode", word, AUTORESET_MODES)]
-        self.metadata = {**SingleTrackEnv.metadata, "render_modes": [], "autoreset_mode": self.autoreset_mode}
         steps = self.spec.max_episode_steps if max_episode_steps is None else max_episode_steps
-        limit = None if steps in (None, -1) else whole("max_episode_steps", steps)
-        tell(
-            self,
-            max_episode_steps=limit,
-            staggered_start=flag("staggered_start", staggered_start),
-            on_invalid=choice("on_invalid", on_invalid, ON_INVALID),
-            telemetry=flag("telemetry", telemetry),
-            dtype=getattr(torch, choice("dtype", str(dtype).removeprefix("torch."), DTYPES)),
-        )
+        word = str(dtype).removeprefix("torch.")
+        limit = self._adopt_options(num_envs, steps, autoreset_mode, word, staggered_start, on_invalid, telemetry)
+        tell(self, dtype=getattr(torch, word))
         self.device, self._generator = device_and_generator(torch, device)
         self._np_random, self._np_random_seed = seeding.np_random(self._generator.seed())
         env_keywords = {name: as_numbers(torch, name, value) for name, value in env_keywords.items()}
-        self._adopt_fleet(registered_fleet(self.spec, self.num_envs, env_keywords, limit, flag("varied", varied)))
-        tell(self, end_names=self.configuration.end_names)
-        remark(limit, env_keywords.get("horizon"), self.configuration.steps_to_settle, self.reward.uses_horizon)
-        bound = self.configuration.observation_bound
-        self._action_shape = (self.num_envs, self.configuration.axles)
-        self.single_observation_space = spaces.Box(-bound, bound, dtype=np.float32)
-        self.single_action_space = spaces.Box(-1.0, 1.0, self._action_shape[1:], np.float32)
+        fleet = registered_fleet(self.spec, self.num_envs, env_keywords, limit, flag("varied", varied))
+        self._adopt_fleet(fleet, env_keywords.get("horizon"))
         self._compiled = flag("compile", compile)
         self._episodes: Episodes | None = None
         self._changed = False  # whether a reset has given other cars
@@ -170,27 +136,25 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         Args:
             seed: makes this and all following episodes repeatable.
             options: as of the single environment; each value, those of ``state`` too, is one or num_envs of them.
-                ``reset_mask``: bool (num_envs,), only these cars start anew. A start takes the same random numbers
-                with or without options.
+                ``reset_mask``: a tensor or array of bool (num_envs,), only these cars start anew. A start takes the
+                same random numbers with or without options.
 
         Raises:
             ValueError, TypeError: a bad seed or option; nothing has changed then.
-            gymnasium.error.ResetNeeded: a ``reset_mask`` before the first reset.
+            gymnasium.error.ResetNeeded: a ``reset_mask`` that leaves out cars before the first reset.
             gymnasium.error.ClosedEnvironmentError: after close().
         """
         self._refuse_if_closed("reset()")
+        options = dict(options) if isinstance(options, Mapping) else options
+        masked = options.pop("reset_mask", None) if isinstance(options, dict) else None
+        mask = None if masked is None else self._options.mask(masked)
+        given = self.task.check_options(options, ("reset_mask", *CAR_OPTIONS))
         seed = None if seed is None else whole("seed", seed, 0, math.inf)
-        if isinstance(options, Mapping) and "reset_mask" in options:
-            kept = self._begun("reset(options={'reset_mask': ...})")
-            mask = self._options.mask(options["reset_mask"])
-            given = self.task.check_options(
-                {name: options[name] for name in options if name != "reset_mask"}, ("reset_mask", *CAR_OPTIONS)
-            )
-        else:
-            kept, mask = None, None
-            given = self.task.check_options(options, ("reset_mask", *CAR_OPTIONS))
         cars = {name: as_numbers(self._torch, name, given[name]) for name in CAR_OPTIONS if name in given}
         others = checked_cars(self.task, cars, self.fleet, self.num_envs)
+        kept = self._episodes
+        if kept is None and mask is not None and not bool(mask.all()):
+            raise gym.error.ResetNeeded("the first reset() must start all rows: it takes no reset_mask")
         values = self._options.state(given["state"], "options['state']") if "state" in given else {}
         changes = self.task.option_numbers(given, self._options.allowed)
         if seed is not None:
@@ -204,38 +168,39 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             fresh = self._with_state(fresh, {**self._kernels.complete(values)._asdict(), **values})
         fresh = self._with_task_state(fresh, changes)
         fresh = self._kernels.refill(fresh) if given else fresh
-        if self.staggered_start and self._episodes is None and self.max_episode_steps is not None:
+        if self.staggered_start and mask is None and self.max_episode_steps is not None:
             steps = self._torch.arange(self.num_envs, device=self.device) * self.max_episode_steps // self.num_envs
             fresh = fresh._replace(episode=fresh.episode._replace(steps=steps.to(self.dtype)))
-        self._keep(fresh if kept is None else chosen(mask, fresh, kept))
+        self._keep(fresh if kept is None or mask is None else chosen(mask, fresh, kept))
         return self._look()
 
-    def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
-        """Hold each car's action for ``action_repeat`` control steps; finite values outside [-1, 1] saturate.
+    def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
+        """One control step of all cars, or ``action_repeat`` of them; finite values outside [-1, 1] saturate.
 
         Args:
-            action: a tensor (num_envs, axles) of real numbers on the environment's device, in its full precision.
+            actions: a tensor (num_envs, axles) of real numbers on the environment's device, in its full precision.
 
         Returns:
             observation (num_envs, entries) float32; reward, terminated, truncated (num_envs,); info.
 
         Raises:
-            ValueError, TypeError: an action of the wrong shape, type or device; nothing has changed then.
+            ValueError, TypeError: actions of another shape, type or device, or not finite with on_invalid="raise";
+                nothing has changed then.
             gymnasium.error.ResetNeeded: there was no reset.
             gymnasium.error.ClosedEnvironmentError: after close().
         """
         self._refuse_if_closed("step()")
         before = self._begun("step()")
-        action = self._checked_action(action, before)
-        after, reward = self._kernels.step(before, action)
+        actions = self._checked_actions(actions, before)
+        after, reward = self._kernels.step(before, actions)
         for _ in range(self.action_repeat - 1):  # cars that end stay where they are
             ended = after.over
-            later, more = self._kernels.step(after, action)
+            later, more = self._kernels.step(after, actions)
             after, reward = chosen(ended, after, later), reward + more.where(ended.logical_not(), 0.0)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             over = after.over
             self._episodes = after
-            final_observation, final_info = self._look()
+            final_observation, final_info = self._look(over)
             self._episodes = self._kernels.restart(over, self._uniforms(), after)
             observation, info = self._look()
             info |= {
@@ -311,13 +276,14 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         return self._kernels.measure(self._begun("measure()"))
 
     def snapshot(self) -> TorchSnapshot:
-        """The whole state, random generator included."""
+        """The whole state, random generator included; ResetNeeded before the first reset."""
+        self._refuse_if_closed("snapshot()")
         episodes = mapped(lambda value: value.clone(), self._begun("snapshot()"))
         cars = tuple(each.clone() for each in self._cars) if self._changed else ()
         return TorchSnapshot(episodes, self._generator.get_state(), cars)
 
-    def restore(self, snapshot: TorchSnapshot) -> tuple[Tensor, dict[str, Any]]:
-        """Return to a snapshot of this or of an equally made environment; gives observation and info there."""
+    def restore(self, snapshot: TorchSnapshot) -> Tensor:
+        """Return to a snapshot of this or of an equally made environment; gives the observations there."""
         if not isinstance(snapshot, TorchSnapshot):
             raise TypeError(f"snapshot must come from snapshot(), got {type(snapshot)!r}")
         numbers = snapshot.episodes.state.heading
@@ -327,12 +293,13 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
                 f"snapshot must be of {self.num_envs} cars in {self.dtype} on {self.device}, of the same task, "
                 f"got one of {numbers.numel()} in {numbers.dtype} on {numbers.device}"
             )
+        self._refuse_if_closed("restore()")
         if self._changed and not snapshot.cars:
             self._put_cars(self.fleet, None)
         self._copy_cars(snapshot.cars)
         self._keep(snapshot.episodes)
         self._generator.set_state(snapshot.generator)
-        return self._look()
+        return self._look()[0]
 
     def detach(self) -> None:
         """Forget how the present state came about: gradients flow back to here and no further."""
@@ -375,14 +342,16 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
     def _success(self, episodes: Episodes) -> Tensor:
         return (episodes.episode.settled_steps >= self.configuration.steps_to_settle) & (episodes.end == RUNNING)
 
-    def _look(self) -> tuple[Tensor, dict[str, Any]]:
+    def _look(self, rows: Tensor | None = None) -> tuple[Tensor, dict[str, Any]]:
+        """Observation and info; `rows`: a mask of those that the info tells of, by default all."""
         episodes = self._begun("observing")
         observation, cost = self._kernels.look(episodes)
         info = {"end": episodes.end.clone(), "cost": cost, "is_success": self._success(episodes)}
         info |= {name: getattr(episodes.episode.task_state, name).clone() for name in self.task.told}
         if self.telemetry:
-            info = {**telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.world.car), **info}
-        return observation, info
+            info |= telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.world.car)
+        here = self._torch.ones_like(episodes.timed_out) if rows is None else rows.clone()
+        return observation, {**info, **{f"_{name}": here for name in info}}
 
     def _with_state(self, episodes: Episodes, values: Mapping[str, Tensor]) -> Episodes:
         state = {name: value for name, value in values.items() if name in self.model.State._fields}
@@ -394,24 +363,22 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         task_state = mapped(self._options.filled, task_state)
         return episodes._replace(episode=episodes.episode._replace(task_state=task_state))
 
-    def _checked_action(self, action: Any, episodes: Episodes) -> Tensor:
+    def _checked_actions(self, actions: Any, episodes: Episodes) -> Tensor:
         torch, shape = self._torch, self._action_shape
-        if not torch.is_tensor(action) or action.dtype == torch.bool or action.is_complex():
-            got = action.dtype if torch.is_tensor(action) else type(action).__name__
-            raise TypeError(f"action must be a tensor of {shape} real numbers on {self.device}, got {got}")
-        if tuple(action.shape) != shape:
-            raise ValueError(f"action must have shape {shape} (steer={self.steer!r}), got {tuple(action.shape)}")
-        if action.device != self.device:
-            raise ValueError(f"action must be on {self.device}, got one on {action.device}")
-        action = action.to(self.dtype)
+        if not torch.is_tensor(actions) or actions.dtype == torch.bool or actions.is_complex():
+            got = actions.dtype if torch.is_tensor(actions) else type(actions).__name__
+            raise TypeError(f"actions must be a tensor of {shape} real numbers on {self.device}, got {got}")
+        if tuple(actions.shape) != shape:
+            raise ValueError(f"actions must have shape {shape} (steer={self.steer!r}), got {tuple(actions.shape)}")
+        if actions.device != self.device:
+            raise ValueError(f"actions must be on {self.device}, got some on {actions.device}")
+        actions = actions.to(self.dtype)
         if self.on_invalid == "raise":
-            bad = ~(torch.isfinite(action).all(dim=1) | episodes.over)
+            bad = ~(torch.isfinite(actions).all(dim=1) | episodes.over)  # a car that is waiting takes no action
             if bool(bad.any()):
                 row = int(bad.nonzero()[0])
-                raise ValueError(
-                    f"action must be finite numbers, nominally in [-1, 1], got {action[row].tolist()} for car {row}"
-                )
-        return action
+                raise ValueError(f"actions must be finite, nominally in [-1, 1]; row {row} has {actions[row].tolist()}")
+        return actions
 
     def __getstate__(self) -> dict[str, Any]:
         # Functions and modules do not pickle: they are bound anew. The generator is known by its state.
