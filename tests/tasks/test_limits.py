@@ -62,7 +62,7 @@ def worst(env, limits, half_width):
 @pytest.mark.parametrize("start", [{"heading": 0.45, "yaw_rate": 0.7}, {"lateral_position": 1.7, "heading": 0.3}])
 def test_the_end_and_what_it_costs_follow_in_every_environment(given, limits, half_width, start):
     single, many = gym.make(ID, **QUICK, **given).unwrapped, gym.make_vec(ID, CARS, **QUICK, **given, **MANY)
-    tensors = TorchVectorEnv(ID, CARS, **QUICK, **given, autoreset_mode="Disabled")
+    tensors = TorchVectorEnv(ID, CARS, **QUICK, **given, **MANY)
     edge = half_width + 0.5 * single.vehicle.body_width
     single.reset(seed=0, options={"state": start})
     many.reset(seed=0, options={"state": start})
