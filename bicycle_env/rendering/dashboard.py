@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from bicycle_env.rendering import painting as p
+from bicycle_env.rendering.corridor import Point
 from bicycle_env.rendering.painting import Colour, pygame
-from bicycle_env.rendering.scene import Arrow, Point, Scene, arrow_outline, is_saturated
+from bicycle_env.rendering.scene import Arrow, Scene, arrow_outline, is_saturated
 
 BACKGROUND: Colour = (20, 22, 26)
 RULER: Colour = (34, 37, 42)

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 from gymnasium.error import DependencyNotInstalled
 
 from bicycle_env.installation import needs
-from bicycle_env.rendering.scene import Arrow, Point, Scene, Shape, arrow_outline
+from bicycle_env.rendering.corridor import Point, Shape
+from bicycle_env.rendering.scene import Arrow, Scene, arrow_outline
 
 try:
     import pygame as pygame  # a re-export, for the modules beside this one

@@ -17,11 +17,9 @@ from bicycle_env.physics.car import CarState
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.lateral import path_rates
 from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.rendering.corridor import Corridor, Point, Shape, corridor
 from bicycle_env.tasks.episode import World
 from bicycle_env.tasks.task import Task
-
-Point = tuple[float, float]
-Shape = tuple[Point, ...]
 
 BEHIND = 0.30
 """Part of the picture's width that lies behind the car."""
@@ -36,9 +34,11 @@ COURSE_ARROW = 2.2
 TIRE_LENGTH, TIRE_WIDTH = 0.66, 0.22
 LINE_WIDTH = 0.15
 DASH, DASH_PERIOD = 3.0, 9.0
-STRIPE, POST_PERIOD = 5.0, 10.0
-EDGE_SPACING = 0.5
-"""m, of the places at which a corridor that changes along the road is drawn."""
+STRIPE, POST_PERIOD, POST_LENGTH = 5.0, 10.0, 0.4
+WIDENINGS = 4
+"""How often a picture is widened, to hold the corridor that has come in sight with the last time."""
+POST = (0.5, 0.7)
+"""m beyond the edges."""
 PATH_SPACING = 0.5
 PATH_DASH = 3
 """Samples of PATH_SPACING in a dash of the path, and in a gap."""
@@ -81,7 +81,7 @@ class Scene(NamedTuple):
     """x at the left border of the picture."""
     right: float
     middle: float
-    """y of the corridor's middle line, which is the middle of the picture."""
+    """y of the middle of the picture: of all of the corridor that is in sight."""
     half_height: float
     """From the middle to the upper border of the picture."""
     verge_stripes: tuple[Shape, ...]
@@ -119,30 +119,16 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
         trail: earlier places of the centre of mass, oldest first, m.
     """
     vehicle = setup.vehicle
-    middle, edge = measured["reference_road_centre"], measured["reference_road_half_width"]
-    # The centre of mass may come half a body beyond the edge, and then the car may stand across the road.
-    half_body = 0.5 * vehicle.body_width
-    beyond = half_body + math.hypot(max(vehicle.front_extent, vehicle.rear_extent), half_body)
-    half_height = edge + beyond
     x, y = state.longitudinal_position, state.lateral_position
-    left, right = _borders(x, half_height * setup.aspect)
-    edges = _edges(setup, state, left, right)
-    if edges is not None:  # all of the corridor that is in sight is in the picture
-        lowest, highest = float(np.min(edges.right)), float(np.max(edges.left))
-        middle, half_height = 0.5 * (lowest + highest), 0.5 * (highest - lowest) + beyond
-        left, right = _borders(x, half_height * setup.aspect)
+    road, left, right, middle, edge, half_height = _view(setup, state, measured)
     width = right - left
     goal = measured["reference_goal"]
-    changes_lane = goal != middle
+    # Two lanes where the goal is the middle of one half.
+    changes_lane = road.is_straight and abs(abs(goal - middle) - 0.5 * edge) < 1e-9 * edge
     side = 1.0 if goal > middle else -1.0
     frame = _Frame(x, y, state.heading)
     front = (vehicle.cg_to_front, vehicle.front_half_track, state.front_steer)
     rear = (-vehicle.cg_to_rear, vehicle.rear_half_track, state.rear_steer)
-
-    def across(begin: float, end: float, inner: float, outer: float) -> tuple[Shape, Shape]:
-        return rectangle(begin, end, middle + inner, middle + outer), rectangle(
-            begin, end, middle - inner, middle - outer
-        )
 
     return Scene(
         left=left,
@@ -153,18 +139,10 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
             rectangle(begin, begin + STRIPE, middle - half_height, middle + half_height)
             for begin in _anchored(left, right, 2.0 * STRIPE, STRIPE)
         ),
-        posts=tuple(
-            post
-            for begin in _anchored(left, right, POST_PERIOD, 0.4)
-            for post in across(begin, begin + 0.4, edge + 0.5, edge + 0.7)
-        )
-        if edges is None
-        else (),
-        corridor=rectangle(left, right, middle - edge, middle + edge) if edges is None else edges.outline,
+        posts=tuple(post for begin in _anchored(left, right, POST_PERIOD, POST_LENGTH) for post in _posts(road, begin)),
+        corridor=road.outline,
         target_lane=rectangle(left, right, middle, middle + side * edge) if changes_lane else (),
-        road_edges=across(left, right, edge - 0.5 * LINE_WIDTH, edge + 0.5 * LINE_WIDTH)
-        if edges is None
-        else edges.lines,
+        road_edges=road.lines(LINE_WIDTH),
         lane_dashes=tuple(
             rectangle(begin, begin + DASH, middle - 0.5 * LINE_WIDTH, middle + 0.5 * LINE_WIDTH)
             for begin in _anchored(left, right, DASH_PERIOD, DASH)
@@ -258,37 +236,40 @@ def _travel(setup: Setup, state: Any) -> Arrow:
     return Arrow(start, (start[0] + float(dx) * length, start[1] + float(dy) * length))
 
 
-def _borders(x: float, half_width: float) -> tuple[float, float]:
-    """The left and the right border of a picture of the car at x."""
-    left = x - BEHIND * 2.0 * half_width
-    return left, left + 2.0 * half_width
+class _View(NamedTuple):
+    """What is in sight of the road, m."""
+
+    road: Corridor
+    left: float
+    right: float
+    middle: float
+    edge: float
+    """From the middle to the outermost place of the edges."""
+    half_height: float
 
 
-class _Edges(NamedTuple):
-    """The corridor in sight, where it is not the same everywhere."""
+def _view(setup: Setup, state: Any, measured: dict[str, float]) -> _View:
+    vehicle, x = setup.vehicle, state.longitudinal_position
+    # The centre of mass may come half a body beyond the edge, and then the car may stand across the road.
+    half_body = 0.5 * vehicle.body_width
+    beyond = half_body + math.hypot(max(vehicle.front_extent, vehicle.rear_extent), half_body)
+    middle, edge = measured["reference_road_centre"], measured["reference_road_half_width"]
+    for widening in range(WIDENINGS + 1):
+        width = 2.0 * (edge + beyond) * setup.aspect
+        left = x - BEHIND * width
+        right = left + width
+        road = corridor(lambda places: _reference(setup, state, places), left, right)
+        lowest, highest = float(np.min(road.right)), float(np.max(road.left))
+        if widening == WIDENINGS or (lowest > middle - edge - 1e-9 and highest < middle + edge + 1e-9):
+            break
+        middle, edge = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
+    return _View(road, left, right, middle, edge, edge + beyond)
 
-    right: NDArray[np.float64]
-    """Lateral positions of the edges, m."""
-    left: NDArray[np.float64]
-    outline: Shape
-    lines: tuple[Shape, ...]
 
-
-def _edges(setup: Setup, state: Any, left: float, right: float) -> _Edges | None:
-    first, last = math.floor(left / EDGE_SPACING), math.ceil(right / EDGE_SPACING)
-    xs = EDGE_SPACING * np.arange(first, last + 1)
-    reference = _reference(setup, state, xs)
-    centre, half = (np.broadcast_to(value, xs.shape) for value in (reference.road_centre, reference.road_half_width))
-    if np.all(centre == centre[0]) and np.all(half == half[0]):
-        return None
-    sides = [centre - half, centre + half]
-    lines = []
-    for ys, sign in zip(sides, (-1.0, 1.0), strict=True):
-        corners = list(zip(xs.tolist(), ys.tolist(), strict=True))
-        outer = [(x, y + sign * LINE_WIDTH) for x, y in reversed(corners)]
-        lines.append((*corners, *outer))
-    below, above = (list(zip(xs.tolist(), ys.tolist(), strict=True)) for ys in sides)
-    return _Edges(sides[0], sides[1], (*below, *reversed(above)), tuple(lines))
+def _posts(road: Corridor, begin: float) -> tuple[Shape, Shape]:
+    end, (near, far) = begin + POST_LENGTH, POST
+    lowest, highest = road.beside(begin, end)
+    return rectangle(begin, end, highest + near, highest + far), rectangle(begin, end, lowest - near, lowest - far)
 
 
 def _reference(setup: Setup, state: Any, xs: NDArray[Any]) -> Any:

@@ -1,0 +1,186 @@
+"""A corridor that changes along the road: drawn from border to border of the picture, a step as a step."""
+
+import dataclasses
+import importlib
+import itertools
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import bicycle_env  # noqa: F401
+from bicycle_env.physics.car import CarState
+from bicycle_env.physics.elementary import PYTHON
+from bicycle_env.rendering import scene as geometry
+from bicycle_env.rendering.corridor import corridor
+from bicycle_env.rendering.scene import build_scene
+from bicycle_env.rendering.viewer import setup_of
+from bicycle_env.tasks.episode import Reference
+from bicycle_env.tasks.stabilise import Stabilise
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+GATES = ((15.0, 27.0, 0.0), (40.5, 51.5, 3.5), (64.0, 76.0, 0.0))
+"""From, to, middle, m: each 2 m wide; elsewhere the road is from -4 m to 7 m."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Gates(Stabilise):
+    """Between rows of cones; `side`: -1 for the mirror image."""
+
+    side: float = 1.0
+
+    def reference(self, xp):
+        side = self.side
+
+        def reference(state, task_state, world):
+            x, zero = state.longitudinal_position, 0.0 * state.longitudinal_position
+            centre, half = zero + 1.5, zero + 5.5
+            for begin, end, middle in GATES:
+                inside = (x >= begin) & (x <= end)
+                centre, half = xp.where(inside, middle, centre), xp.where(inside, 1.0, half)
+            return Reference(side * centre, zero, side * centre, side * centre, half)
+
+        return reference
+
+
+def gusty(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    task = importlib.import_module("my_task").Gusty()
+    gym.registry.pop("Mine/Gusty-v0", None)
+    return task
+
+
+@pytest.fixture(scope="module")
+def stab():
+    return gym.make("BicycleStab-v0").unwrapped
+
+
+def scene_of(env, task, place, side=1.0):
+    """Of a car at a place on another task's road."""
+    env.reset(seed=0, options={"state": {"longitudinal_position": place, "lateral_position": 0.3 * side}})
+    state = task.State(*env.state, *(0.0 for _ in task.TaskState._fields))
+    setup = setup_of(env)._replace(task=task)
+    car, own = CarState(*state[: len(CarState._fields)]), task.TaskState(*state[len(env.state) :])
+    here = task.reference(PYTHON)(car, own, setup.world)
+    return build_scene(setup, state, {**env.measure(), **{f"reference_{k}": v for k, v in here._asdict().items()}})
+
+
+PLACES = (0.0, 14.9, 20.0, 35.0, 48.0, 58.0, 75.0, 95.0)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("which", ["gates", "gusty"])
+def test_all_of_the_road_that_is_in_sight_is_in_the_picture(stab, monkeypatch, which, place):
+    task = Gates() if which == "gates" else gusty(monkeypatch)
+    scene = scene_of(stab, task, place)
+    outline = np.array(scene.corridor)
+    assert outline[:, 0].min() <= scene.left
+    assert outline[:, 0].max() >= scene.right
+    assert abs(outline[:, 1] - scene.middle).max() < scene.half_height - 0.5 * stab.vehicle.body_width
+    for line in scene.road_edges:
+        along = np.array(line)[:, 0]
+        assert along.min() <= scene.left + 0.2
+        assert along.max() >= scene.right - 0.2
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_no_lanes_where_the_task_has_none(stab, place):
+    scene = scene_of(stab, Gates(), place)
+    assert scene.target_lane == ()
+    assert scene.lane_dashes == ()
+
+
+def test_a_step_looks_like_a_step(stab):
+    scene = scene_of(stab, Gates(), 20.0)
+    right_edge = scene.corridor[: len(scene.corridor) // 2]
+    steps = [(one[0], other[0]) for one, other in itertools.pairwise(right_edge) if abs(other[1] - one[1]) > 0.5]
+    assert len(steps) == 4
+    for (begin, end), at in zip(steps, (15.0, 27.0, 40.5, 51.5), strict=True):
+        assert begin - 1e-9 <= at <= end + 1e-9
+        assert end - begin < 0.01
+    # the white line stands across the road there
+    for line in scene.road_edges:
+        points = np.array(line)
+        near = points[abs(points[:, 0] - 27.0) < 0.5]
+        assert np.ptp(near[:, 0]) == pytest.approx(geometry.LINE_WIDTH, abs=0.01)
+        assert np.ptp(near[:, 1]) > 2.0
+
+
+def test_posts_stand_beside_the_road(stab):
+    scene = scene_of(stab, Gates(), 20.0)
+    beside = {
+        post[0][0]: sorted({y for part in scene.posts if part[0][0] == post[0][0] for _, y in part})
+        for post in scene.posts
+    }
+    near, far = geometry.POST
+    assert beside[20.0] == pytest.approx([-1.0 - far, -1.0 - near, 1.0 + near, 1.0 + far])
+    assert beside[30.0] == pytest.approx([-4.0 - far, -4.0 - near, 7.0 + near, 7.0 + far])
+
+
+def test_the_mirror_image_is_exact(stab):
+    one, other = scene_of(stab, Gates(), 35.0), scene_of(stab, Gates(side=-1.0), 35.0, -1.0)
+    assert (one.left, one.right, one.half_height, one.middle) == (
+        other.left,
+        other.right,
+        other.half_height,
+        -other.middle,
+    )
+    for name in ("road_edges", "posts", "path_dashes"):
+        mine = sorted(sorted(shape) for shape in getattr(one, name))
+        theirs = sorted(sorted((x, -y) for x, y in shape) for shape in getattr(other, name))
+        assert mine == theirs
+    assert sorted(one.corridor) == sorted((x, -y) for x, y in other.corridor)
+
+
+def test_a_road_that_widens_for_ever_ends_the_widening(stab):
+    @dataclasses.dataclass(frozen=True)
+    class Funnel(Stabilise):
+        def reference(self, xp):
+            def reference(state, task_state, world):
+                zero = 0.0 * state.longitudinal_position
+                return Reference(zero, zero, zero, zero, 2.0 + abs(state.longitudinal_position))
+
+            return reference
+
+    scene = scene_of(stab, Funnel(), 10.0)
+    assert np.array(scene.corridor)[:, 0].max() >= scene.right
+    assert scene.half_height < 1e6
+
+
+def of(law):
+    """The corridor of half widths by place, to both sides of 0."""
+    return lambda places: Reference(0.0, 0.0, 0.0, 0.0 * places, law(places))
+
+
+def test_a_straight_corridor_is_two_points():
+    found = corridor(of(lambda x: 1.75), -3.3, 12.2)
+    assert found.is_straight
+    assert found.places.tolist() == pytest.approx([-3.3, 12.2])
+    assert found.outline == (
+        (found.places[0], -1.75),
+        (found.places[1], -1.75),
+        (found.places[1], 1.75),
+        (found.places[0], 1.75),
+    )
+
+
+def test_a_slope_is_followed():
+    found = corridor(of(lambda x: 3.0 + np.sin(x)), 0.0, 20.0)
+    assert not found.is_straight
+    dense = np.linspace(0.0, 20.0, 5000)
+    assert abs(np.interp(dense, found.places, found.left) - 3.0 - np.sin(dense)).max() < 0.002
+
+
+def test_a_line_is_as_wide_everywhere():
+    """Also across the road, at a step, and where it is steep."""
+    found = corridor(of(lambda x: np.where(x < 5.03, 2.0, 3.5)), 0.0, 10.0)
+    (_, line) = (np.array(shape) for shape in found.lines(0.2))
+    half = len(line) // 2
+    outer, inner = line[:half], line[half:][::-1]
+    middle = np.column_stack([found.places, found.left])
+    np.testing.assert_allclose(0.5 * (outer + inner), middle, atol=1e-12)
+    step = np.argmax(np.diff(found.left))
+    corner = np.hypot(*(outer - inner)[step])
+    assert corner == pytest.approx(0.2 * np.sqrt(2.0), rel=0.01)  # a right angle
+    assert outer[0] - inner[0] == pytest.approx([0.0, 0.2])
