@@ -10,7 +10,7 @@ import numpy as np
 from bicycle_env.physics.validation import number, positive
 from bicycle_env.plots import style
 from bicycle_env.plots.runs import Columns, Road, columns
-from bicycle_env.plots.style import BLACK, LineStyle, dress, line_style
+from bicycle_env.plots.style import BLACK, ICE, ORANGE, LineStyle, dress, line_style
 
 HISTORIES = {
     "sideslip": "sideslip [deg]",
@@ -161,6 +161,14 @@ def _draw_road(axes: Any, driven: list[Columns], roads: list[Road], edges: list[
     for k, road in enumerate(road for road in roads if road.has_path):
         drawn = axes.plot(road.places, road.path, ":", color=BLACK, label="path to follow")
         handles += [] if k else drawn
+    of_kinds = {}
+    for mark in (mark for road in roads for mark in road.marks):
+        x, y = zip(*mark.points, strict=True)
+        if mark.kind == "ice":
+            (of_kinds["ice"],) = axes.fill(x, y, color=ICE, label="ice", zorder=0)
+        else:
+            (of_kinds["cones"],) = axes.plot(x, y, "^", color=ORANGE, markersize=4, label="cones")
+    handles += of_kinds.values()
     dress(
         axes,
         xlabel="along the road [m]",

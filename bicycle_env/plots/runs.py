@@ -12,6 +12,7 @@ from bicycle_env.physics.car import CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.validation import checked_speed
 from bicycle_env.tasks.episode import World
+from bicycle_env.tasks.marks import checked
 
 Columns = dict[str, NDArray[np.float64]]
 NEEDED = ("time", *(name for name in CarState._fields if name != "heading"))
@@ -79,6 +80,7 @@ class Road:
         self.path = self._along("lateral_position")
         """Lateral positions of the path to follow there, m."""
         centre, half = self._along("road_centre"), self._along("road_half_width")
+        self.marks = checked(env.task.marks(env.task.TaskState(*self.route), self._world))
         self.edges = (centre - half, centre + half)
         """Lateral positions of the right and the left edge, m."""
         self.has_path = bool(np.any(self.path != self.path[0]))

@@ -164,10 +164,11 @@ def paint_legend(surface: Any, scene: Scene, scale: float, area: Any) -> None:
     write(surface, "path to follow", (second + 38, top), 19)
     pygame.draw.line(surface, p.TRAIL, (second, top + 20), (second + 29, top + 20), 2)
     write(surface, "path driven", (second + 38, top + 20), 19)
-    if scene.target_lane:
-        pygame.draw.rect(surface, p.TARGET, (second, top + 33, 30, 14))
+    if scene.target_lane or scene.ice:  # there is room for one
+        colour, words = (p.TARGET, "target lane") if scene.target_lane else (p.ICE, "ice")
+        pygame.draw.rect(surface, colour, (second, top + 33, 30, 14))
         pygame.draw.rect(surface, FAINT, (second, top + 33, 30, 14), 1)
-        write(surface, "target lane", (second + 38, top + 40), 19)
+        write(surface, words, (second + 38, top + 40), 19)
     y, end = top + 59, area.left + round(SCALE_BAR * scale)
     pygame.draw.line(surface, TEXT, (area.left, y), (end, y), 2)
     for x in (area.left, end):

@@ -32,6 +32,8 @@ WHITE: Colour = (244, 244, 240)
 BLACK: Colour = (12, 13, 15)
 ASPHALT: Colour = (56, 59, 64)
 TARGET: Colour = (40, 66, 100)
+ICE: Colour = (150, 180, 196)
+CONE: Colour = (230, 159, 0)
 VERGE: Colour = (128, 139, 120)
 VERGE_STRIPE: Colour = (118, 129, 111)
 GLASS: Colour = (22, 40, 54)
@@ -42,6 +44,8 @@ FORCE, SATURATED_FORCE, TRAVEL, PATH, CAR, TRAIL = YELLOW, VERMILLION, PURPLE, G
 FINENESS = 2
 """The road is painted this many times as large and then reduced, which smooths all edges."""
 FORCE_WIDTH, TRAVEL_WIDTH, PATH_WIDTH, TRAIL_WIDTH = 0.22, 0.13, 0.17, 0.09
+"""m."""
+CONE_RADIUS = 0.18
 """m."""
 
 
@@ -85,7 +89,10 @@ def paint_road(scene: Scene, width: int, height: int) -> Any:
     _fill(surface, view, (scene.corridor,), ASPHALT)
     if scene.target_lane:
         _fill(surface, view, (scene.target_lane,), TARGET)
+    _fill(surface, view, scene.ice, ICE)
     _fill(surface, view, (*scene.road_edges, *scene.lane_dashes), WHITE)
+    for cone in map(view.pixel, scene.cones):
+        pygame.draw.circle(surface, CONE, cone, CONE_RADIUS * view.scale)
     for dash in scene.path_dashes:
         _stroke(surface, view, dash, PATH, PATH_WIDTH)
     _stroke(surface, view, (*scene.trail, scene.centre_of_mass), TRAIL, TRAIL_WIDTH)

@@ -19,6 +19,7 @@ from bicycle_env.physics.lateral import path_rates
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.rendering.corridor import Corridor, Point, Shape, corridor
 from bicycle_env.tasks.episode import World
+from bicycle_env.tasks.marks import checked
 from bicycle_env.tasks.task import Task
 
 BEHIND = 0.30
@@ -91,6 +92,8 @@ class Scene(NamedTuple):
     """Empty unless the task is to change lanes."""
     road_edges: tuple[Shape, ...]
     lane_dashes: tuple[Shape, ...]
+    ice: tuple[Shape, ...]
+    cones: Shape
     path_dashes: tuple[Shape, ...]
     """Open polylines along the reference path."""
     trail: Shape
@@ -130,6 +133,7 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
     front = (vehicle.cg_to_front, vehicle.front_half_track, state.front_steer)
     rear = (-vehicle.cg_to_rear, vehicle.rear_half_track, state.rear_steer)
 
+    marks = checked(setup.task.marks(_task_state(setup, state), setup.world))
     return Scene(
         left=left,
         right=right,
@@ -149,6 +153,8 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
         )
         if changes_lane
         else (),
+        ice=tuple(mark.points for mark in marks if mark.kind == "ice"),
+        cones=tuple(point for mark in marks if mark.kind == "cones" for point in mark.points),
         path_dashes=_path(setup, state, left, right),
         trail=tuple(point for point in trail if left - width <= point[0] <= right + width),
         body=frame.closed(_scaled(_BODY, vehicle)),
@@ -274,10 +280,13 @@ def _posts(road: Corridor, begin: float) -> tuple[Shape, Shape]:
 
 def _reference(setup: Setup, state: Any, xs: NDArray[Any]) -> Any:
     """The task's reference at other places along the road."""
-    task = setup.task
-    task_state = task.TaskState(*state[len(state) - len(task.TaskState._fields) :])
     car = CarState(*state[: len(CarState._fields)])._replace(longitudinal_position=xs)
-    return task.reference(NUMPY)(car, task_state, setup.world)
+    return setup.task.reference(NUMPY)(car, _task_state(setup, state), setup.world)
+
+
+def _task_state(setup: Setup, state: Any) -> Any:
+    record = setup.task.TaskState
+    return record(*state[len(state) - len(record._fields) :])
 
 
 def _path(setup: Setup, state: Any, left: float, right: float) -> tuple[Shape, ...]:

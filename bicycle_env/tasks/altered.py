@@ -15,6 +15,7 @@ from bicycle_env.physics.car import CarState
 from bicycle_env.physics.records import joined, part, record_of
 from bicycle_env.tasks.ends import Limits, Tolerances
 from bicycle_env.tasks.episode import EpisodeState, World
+from bicycle_env.tasks.marks import Mark
 from bicycle_env.tasks.metrics import Metric
 from bicycle_env.tasks.task import Allowed, Entry, Law, Task
 
@@ -213,6 +214,9 @@ class AlteredTask(Task):
 
     def cost(self, xp: Any) -> Law:
         return self.task.cost(xp)
+
+    def marks(self, task_state: Any, world: World) -> tuple[Mark, ...]:
+        return self.task.marks(task_state, world)
 
     def entries(self, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:
         return self.task.entries(speed, front_limit, rear_limit)

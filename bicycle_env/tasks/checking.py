@@ -14,10 +14,11 @@ import numpy as np
 
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.car import CarParameters, CarState, car_on_road
-from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.elementary import NUMPY, PYTHON
 from bicycle_env.physics.presets import vehicles
 from bicycle_env.physics.validation import check_frozen, positive
 from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
+from bicycle_env.tasks.marks import checked
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
 
@@ -152,6 +153,11 @@ def _check_laws(task: Task, name: str, world: World) -> None:
                     f"task {name}: its {label} is another one for the mirror image, {right} instead of {left}; give "
                     "the entry its `mirror`, name what changes sign in `flipped`, or set it to None"
                 )
+    _, drawn = task.start(PYTHON)((0.5,) * task.uniforms, world)
+    try:
+        checked(task.marks(drawn, world))
+    except Exception as error:
+        raise ValueError(f"task {name}: its marks fail ({_words(error)})") from error
 
 
 def _changes(task: Task, name: str, world: World) -> tuple[Callable[..., Any], list[str]]:

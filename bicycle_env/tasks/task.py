@@ -17,6 +17,7 @@ from bicycle_env.physics.car import CarState
 from bicycle_env.physics.validation import choice, known_keys, number
 from bicycle_env.tasks.ends import Limits, Tolerances, corner_outside, end_code, settled
 from bicycle_env.tasks.episode import EpisodeState, World
+from bicycle_env.tasks.marks import Mark
 from bicycle_env.tasks.metrics import SHARED, Metric
 from bicycle_env.tasks.rewards import Reward
 
@@ -180,6 +181,10 @@ class Task(abc.ABC):
     def cost(self, xp: Any) -> Law:
         """``cost(state, reference, episode, world)``: the safety cost of a step, beside the reward."""
         return corner_outside(xp, self)
+
+    def marks(self, task_state: Any, world: World) -> tuple[Mark, ...]:
+        """What else is drawn on the road: cones, patches of ice. Floats and plain Python, unlike a law."""
+        return ()
 
     @abc.abstractmethod
     def entries(self, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 
@@ -12,6 +13,9 @@ from matplotlib.figure import Figure
 
 import bicycle_env
 from bicycle_env import control, plots, simulate
+from bicycle_env.envs import BicycleStabEnv
+from bicycle_env.tasks.marks import Mark
+from bicycle_env.tasks.stabilise import Stabilise
 
 SPEED = 43.0
 
@@ -113,6 +117,25 @@ def test_the_lane_change_shows_the_path_that_was_wanted():
     x, y = path.get_xdata(), path.get_ydata()
     assert np.all(y[x <= begin] == 0.0)
     assert y[-1] == 3.5 * direction
+
+
+def test_the_marks_of_a_task_are_drawn():
+    @dataclasses.dataclass(frozen=True)
+    class Marked(Stabilise):
+        def marks(self, task_state, world):
+            return Mark("cones", ((5.0, 1.0), (9.0, -1.0))), Mark("ice", ((2.0, 0.0), (4.0, 0.0), (3.0, 1.0)))
+
+    class Env(BicycleStabEnv):
+        default_task = Marked()
+
+    env = Env(tire="linear")
+    env.reset(seed=0)
+    figure = plots.episode([env.state], env=env)
+    assert legend(figure) == ["run 1", "edge of the lane", "cones", "ice"]
+    road = axes_of(figure, "lateral position [m]")
+    (cones,) = [line for line in road.get_lines() if line.get_label() == "cones"]
+    assert cones.get_xydata().tolist() == [[5.0, 1.0], [9.0, -1.0]]
+    assert road.patches[0].get_xy()[:3].tolist() == [[2.0, 0.0], [4.0, 0.0], [3.0, 1.0]]
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,15 @@ import pytest
 import bicycle_env  # noqa: F401
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.elementary import PYTHON
+from bicycle_env.rendering import painting
 from bicycle_env.rendering import scene as geometry
 from bicycle_env.rendering.corridor import corridor
 from bicycle_env.rendering.scene import build_scene
 from bicycle_env.rendering.viewer import setup_of
+from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.episode import Reference
+from bicycle_env.tasks.marks import Mark
+from bicycle_env.tasks.options import altered
 from bicycle_env.tasks.stabilise import Stabilise
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -42,6 +46,10 @@ class Gates(Stabilise):
             return Reference(side * centre, zero, side * centre, side * centre, half)
 
         return reference
+
+    def marks(self, task_state, world):
+        cones = [(x, self.side * (y + s)) for begin, end, y in GATES for x in (begin, end) for s in (-1.0, 1.0)]
+        return Mark("cones", cones), Mark("ice", [(18.0, 0.0), (24.0, 0.0), (24.0, self.side), (18.0, self.side)])
 
 
 def gusty(monkeypatch):
@@ -126,10 +134,11 @@ def test_the_mirror_image_is_exact(stab):
         other.half_height,
         -other.middle,
     )
-    for name in ("road_edges", "posts", "path_dashes"):
+    for name in ("road_edges", "posts", "path_dashes", "ice"):
         mine = sorted(sorted(shape) for shape in getattr(one, name))
         theirs = sorted(sorted((x, -y) for x, y in shape) for shape in getattr(other, name))
         assert mine == theirs
+    assert sorted(one.cones) == sorted((x, -y) for x, y in other.cones)
     assert sorted(one.corridor) == sorted((x, -y) for x, y in other.corridor)
 
 
@@ -184,3 +193,35 @@ def test_a_line_is_as_wide_everywhere():
     corner = np.hypot(*(outer - inner)[step])
     assert corner == pytest.approx(0.2 * np.sqrt(2.0), rel=0.01)  # a right angle
     assert outer[0] - inner[0] == pytest.approx([0.0, 0.2])
+
+
+def test_cones_and_ice_are_painted_where_they_are(stab):
+    scene = scene_of(stab, Gates(), 30.0)
+    size = (960, 308)
+    image = painting.pygame.surfarray.array3d(painting.paint_road(scene, *size))
+    view = painting.View(scene.left, scene.middle, size[1] / (2.0 * scene.half_height), size[1])
+    for point, colour in (((27.0, -1.0), painting.CONE), ((40.5, 4.5), painting.CONE), ((21.0, 0.4), painting.ICE)):
+        x, y = (round(value) for value in view.pixel(point))
+        assert tuple(image[x, y]) == colour, point
+    assert tuple(image[tuple(round(value) for value in view.pixel((21.0, -0.6)))]) == painting.ASPHALT
+
+
+def test_what_is_added_to_a_task_leaves_its_marks(stab):
+    task = altered(Gates(), randomise={"friction": (0.5, 1.0)}, action_delay=1)
+    assert scene_of(stab, task, 20.0).cones == scene_of(stab, Gates(), 20.0).cones
+
+
+@pytest.mark.parametrize(
+    ("marks", "words"),
+    [
+        ([("cone", [(0.0, 0.0)])], "kind must be one of 'cones', 'ice', got 'cone'; did you mean 'cones'"),
+        ([("cones", [(0.0, np.nan)])], "y must be a finite number, got nan"),
+        ([("ice", [(0.0, 0.0), (1.0, 0.0)])], "number of points of ice must be a whole number in .3, .*got 2"),
+        ([("cones", [0.0, 1.0])], "TypeError: cannot unpack"),
+        (None, "TypeError: 'NoneType' object is not iterable"),
+    ],
+)
+def test_marks_that_are_none_are_refused_with_the_task(marks, words):
+    task = dataclasses.dataclass(frozen=True)(type("Marked", (Stabilise,), {"marks": lambda *_: marks}))()
+    with pytest.raises(ValueError, match=f"^task Marked: its marks fail .*{words}"):
+        check(task)
