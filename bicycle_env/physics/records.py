@@ -11,11 +11,19 @@ from collections import namedtuple
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from bicycle_env.physics.validation import known_keys
+
 
 def _written(name: str, arguments: str, body: str, **scope: Any) -> Any:
     """A function from its source, with these names around it."""
     exec(f"def {name}({arguments}):\n    {body}", scope)
     return scope[name]
+
+
+def _check_fields(record: Any, names: tuple[str, ...]) -> None:
+    known_keys(f"field of {record.__name__}", names, record._fields)
+    if len(set(names)) < len(names):
+        raise ValueError(f"fields of {record.__name__} must be named once each, got {', '.join(names)}")
 
 
 def fieldwise(xp: Any, record: Any, law: Callable[..., Any], records: int, shared: int = 0) -> Any:
@@ -33,7 +41,11 @@ def fieldwise(xp: Any, record: Any, law: Callable[..., Any], records: int, share
 
 
 def replaced(xp: Any, record: Any, names: tuple[str, ...]) -> Any:
-    """``f(a, x, ...) -> record``: the record with other values in the named fields, in their order."""
+    """``f(a, x, ...) -> record``: the record with other values in the named fields, in their order.
+
+    ValueError for a field that the record does not have.
+    """
+    _check_fields(record, names)
     values = (f"x{names.index(field)}" if field in names else f"a.{field}" for field in record._fields)
     arguments = ", ".join(["a", *(f"x{k}" for k in range(len(names)))])
     return xp.function(_written("replaced", arguments, f"return record({', '.join(values)})", record=record))
@@ -57,7 +69,8 @@ def field(xp: Any, name: str) -> Any:
 
 
 def merged(xp: Any, record: Any, names: tuple[str, ...]) -> Any:
-    """``f(a, b) -> record``: the named fields from b, the others from a."""
+    """``f(a, b) -> record``: the named fields from b, the others from a; ValueError as :func:`replaced`."""
+    _check_fields(record, names)
     values = (f"{'b' if name in names else 'a'}.{name}" for name in record._fields)
     return xp.function(_written("merged", "a, b", f"return record({', '.join(values)})", record=record))
 

@@ -39,6 +39,15 @@ def test_each_helper_by_hand():
     assert records.sequence(PYTHON, [], "x")(3.0) == ()
 
 
+@pytest.mark.parametrize("helper", [records.replaced, records.merged])
+def test_a_field_that_is_not_there_is_refused(helper):
+    """A misspelt one was left out: the ice of a task did not act."""
+    with pytest.raises(ValueError, match="unknown field of Name 'midle'; did you mean 'middle'"):
+        helper(PYTHON, Name, ("left", "midle"))
+    with pytest.raises(ValueError, match="fields of Name must be named once each, got left, left"):
+        helper(PYTHON, Name, ("left", "left"))
+
+
 @pytest.mark.parametrize("stride", [1, 4])
 def test_what_is_written_is_read(stride):
     numbers = np.zeros(40)
