@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from bicycle_env.physics.elementary import NUMPY
-from bicycle_env.physics.validation import choice, explain_keywords, from_fields, in_range
+from bicycle_env.physics.trial import tried
+from bicycle_env.physics.validation import check_value, choice, explain_keywords, from_fields, in_range
 
 Law = Callable[[Any, Any, Any], Any]
 
@@ -57,6 +58,7 @@ class Tire(abc.ABC):
             "cornering_stiffness": np.asarray(cornering_stiffness, dtype=np.float64),
             "peak_force": np.asarray(peak_force, dtype=np.float64),
         }
+        check(self)
         for name, value in values.items():
             if not np.all(np.isfinite(value)):
                 raise ValueError(f"{name} must be finite, got {value}")
@@ -179,15 +181,21 @@ LAWS: dict[str, type[Tire]] = {
 }
 
 
+def check(tire: Tire) -> None:
+    """Refuse a tire that the rest of the package would contradict: ValueError or TypeError in one line names it.
+
+    Its law must be odd, with slope -C, finite, and made of what a law may use.
+    """
+    check_value("tire", tire)
+    _check_law(tire)
+
+
 @functools.cache
-def _check(tire: Tire) -> None:
-    """Refuse a law that the rest of the package would contradict: ValueError unless odd, with slope -C, finite."""
-    angles, stiffness, peak = np.array([1e-6, 0.01, 0.1, 0.5, 1.5]), np.full(5, 1e5), np.full(5, 7e3)
-    law = _on_arrays(tire)
-    right, left = np.asarray(law(angles, stiffness, peak)), np.asarray(law(-angles, stiffness, peak))
+def _check_law(tire: Tire) -> None:
     name = type(tire).__name__
-    if right.shape != angles.shape or not np.all(np.isfinite(right)):
-        raise ValueError(f"tire {name}: its law must return one finite force per slip angle, got {right!r}")
+    law = tried(f"tire {name}: its law", tire.law, of=("slip angle", "five slip angles"))
+    angles, stiffness, peak = np.array([1e-6, 0.01, 0.1, 0.5, 1.5]), np.full(5, 1e5), np.full(5, 7e3)
+    right, left = law(angles, stiffness, peak), law(-angles, stiffness, peak)
     if not np.array_equal(right, -left):
         raise ValueError(f"tire {name}: its law must be odd in the slip angle to the bit, got {right!r} and {left!r}")
     slope = right[0] / angles[0]
@@ -206,7 +214,7 @@ def resolve(tire: str | Tire | Mapping[str, Any]) -> Tire:
         TypeError: none of the three; a value of the wrong type.
     """
     if isinstance(tire, Tire):
-        _check(tire)
+        check(tire)
         return tire
     if isinstance(tire, str):
         return LAWS[choice("tire", tire, LAWS)]()

@@ -166,3 +166,13 @@ def check_frozen(label: str, value: object) -> None:
         raise TypeError(
             f"{label} {name} must be a frozen dataclass: write @dataclasses.dataclass(frozen=True) above it"
         )
+
+
+def check_value(kind: str, value: object) -> None:
+    """TypeError unless a value is a frozen dataclass whose fields are values, too: it is compared, and looked up."""
+    check_frozen(kind, value)
+    try:
+        hash(value)
+    except TypeError as error:
+        name = type(value).__name__
+        raise TypeError(f"{kind} {name}: its fields must be hashable, a tuple in place of a list ({error})") from None

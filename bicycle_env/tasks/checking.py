@@ -1,7 +1,7 @@
-"""What every task must hold, tried when it is first used: its laws are run on two cars at once, in numpy.
+"""What every task and every reward must hold, tried when it is first used: its laws are run on two cars at once.
 
-What would otherwise be sixty lines of compiler, a number written past the end of an array, or a wrong result in a
-vector environment alone, is one line here, which names the task and the law.
+A number written past the end of an array, or a result of its own in one environment alone, is one line here, which
+names the task and the law; see :mod:`bicycle_env.physics.trial`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY, PYTHON
 from bicycle_env.physics.presets import vehicles
-from bicycle_env.physics.validation import check_frozen, positive
+from bicycle_env.physics.trial import tried, words
+from bicycle_env.physics.validation import check_value, positive
 from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
 from bicycle_env.tasks.marks import checked
 from bicycle_env.tasks.rewards import Reward
@@ -33,23 +34,14 @@ PLACES = (
 
 def check(task: Task) -> None:
     """Refuse a task that the environments or the analysis would contradict: ValueError or TypeError names its law."""
-    _check_value("task", task)
+    check_value("task", task)
     _check_task(task)
 
 
 def check_reward(task: Task, reward: Reward) -> None:
     """Refuse a reward that fails for a task: ValueError or TypeError names its law."""
-    _check_value("reward", reward)
+    check_value("reward", reward)
     _check_reward(task, reward)
-
-
-def _check_value(kind: str, value: Any) -> None:
-    name = type(value).__name__
-    check_frozen(kind, value)
-    try:
-        hash(value)
-    except TypeError as error:
-        raise TypeError(f"{kind} {name}: its fields must be hashable, a tuple in place of a list ({error})") from None
 
 
 @functools.cache
@@ -77,9 +69,7 @@ def _world(task: Task) -> World:
 @functools.cache
 def _check_reward(task: Task, reward: Reward) -> None:
     name, world = type(reward).__name__, _world(task)
-    law = _tried(f"reward {name}: its law 'law'", reward.law(NUMPY))
-    before_law = reward.before(NUMPY)
-    before = None if before_law is None else _tried(f"reward {name}: its law 'before'", before_law)
+    law, before = (tried(f"reward {name}: its law {one!r}", getattr(reward, one)) for one in ("law", "before"))
     reference, way = task.reference(NUMPY), task.start(NUMPY)(np.full((task.uniforms, 2), 0.5), world)[1]
     for place in PLACES:
         zero = 0.0 * place.heading
@@ -97,9 +87,9 @@ def _check_reward(task: Task, reward: Reward) -> None:
             raise ValueError(
                 f"reward {name}: it is another one for the mirror image, {found[2:]} instead of {found[:2]}"
             )
-    forfeit = reward.forfeit(NUMPY, task)
+    forfeit = tried(f"reward {name}: its law 'forfeit'", lambda xp: reward.forfeit(xp, task))
     if forfeit is not None:
-        _tried(f"reward {name}: its law 'forfeit'", forfeit)(np.array([0.0, 100.0]), world.car, world.rules)
+        forfeit(np.array([0.0, 100.0]), world.car, world.rules)
 
 
 def _check_laws(task: Task, name: str, world: World) -> None:
@@ -110,7 +100,7 @@ def _check_laws(task: Task, name: str, world: World) -> None:
     seen = len(entries) - len(task.preview_times)
 
     def law_of(law: str) -> Callable[..., Any]:
-        return _tried(f"task {name}: its law {law!r}", getattr(task, law)(NUMPY), law == "reference")
+        return tried(f"task {name}: its law {law!r}", getattr(task, law), law == "reference")  # type: ignore[no-any-return]
 
     start, reference, observe, preview = map(law_of, ("start", "reference", "observe", "preview"))
     end, success, cost = map(law_of, ("end", "success", "cost"))
@@ -157,17 +147,16 @@ def _check_laws(task: Task, name: str, world: World) -> None:
     try:
         checked(task.marks(drawn, world))
     except Exception as error:
-        raise ValueError(f"task {name}: its marks fail ({_words(error)})") from error
+        raise ValueError(f"task {name}: its marks fail ({words(error)})") from error
 
 
 def _changes(task: Task, name: str, world: World) -> tuple[Callable[..., Any], list[str]]:
     """What happens to the car and is remembered, as its mirror image would have it; and what each number is."""
 
-    def law_of(law: str, constants: bool = False) -> Any:
-        bound = getattr(task, law)(NUMPY)
-        return None if bound is None else _tried(f"task {name}: its law {law!r}", bound, constants)
-
-    command, conditions, remember = law_of("command"), law_of("conditions", True), law_of("remember", True)
+    command, conditions, remember = (
+        tried(f"task {name}: its law {law!r}", getattr(task, law), law != "command")
+        for law in ("command", "conditions", "remember")
+    )
 
     def changes(state: CarState, episode: EpisodeState, side: float) -> list[Any]:
         zero = 0.0 * state.heading
@@ -207,56 +196,3 @@ def _must_be(record: type, value: Any, label: str) -> None:
 
 def _mirrored(record: Any, side: float, names: tuple[str, ...]) -> Any:
     return record._replace(**{name: side * getattr(record, name) for name in names})
-
-
-def _tried(label: str, law: Callable[..., Any], constants: bool = False) -> Callable[..., Any]:
-    """The law, with errors in one line: it must give one finite number per car, whichever stands beside it.
-
-    `constants`: or one for all cars.
-    """
-
-    def tried(*arguments: Any) -> Any:
-        try:
-            value = law(*arguments)
-            alone = [law(*_twice(arguments, car)) for car in (0, 1)]
-        except Exception as error:
-            raise ValueError(f"{label} fails on two cars at once ({_words(error)})") from error
-        if value is None:
-            raise ValueError(f"{label} gives None: is its `return` missing?")
-        for name, both, first, second in zip(_names(value), _flat(value), *map(_flat, alone), strict=True):
-            if constants and np.ndim(both) == 0 and np.isfinite(both):
-                continue
-            if np.shape(both) != (2,) or not np.all(np.isfinite(both)):
-                raise ValueError(f"{label} must give one finite number per car, got {name}{both!r} for two")
-            if not np.array_equal(both, [first[0], second[1]]):
-                raise ValueError(f"{label} mixes the cars: got {name}{both!r}, {first!r} for the first one twice")
-        return value
-
-    return tried
-
-
-def _words(error: Exception) -> str:
-    text = f"{type(error).__name__}: {error}".splitlines()[0]
-    if "truth value" in text:
-        return "it branches on data: use xp.where"
-    return text
-
-
-def _flat(value: Any) -> list[Any]:
-    return [leaf for part in value for leaf in _flat(part)] if isinstance(value, tuple) else [value]
-
-
-def _names(value: Any) -> list[str]:
-    """Of the leaves of :func:`_flat`: the field's name where there is one."""
-    if not isinstance(value, tuple):
-        return [""]
-    fields = getattr(value, "_fields", [f"[{k}]" for k in range(len(value))])
-    return [inner or f"{field} = " for field, part in zip(fields, value, strict=True) for inner in _names(part)]
-
-
-def _twice(value: Any, car: int) -> Any:
-    """With one of the two cars in both places."""
-    if isinstance(value, tuple):
-        parts = [_twice(part, car) for part in value]
-        return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
-    return value[..., [car, car]] if np.ndim(value) else value

@@ -235,11 +235,11 @@ def test_torch_keeps_its_type_and_agrees(name, dtype):
     np.testing.assert_allclose(force.numpy(), expected, rtol=0.0, atol=tolerance)
 
 
+@dataclasses.dataclass(frozen=True)
 class _Wrong(tires.Tire):
     """A law with one fault, named by `fault`."""
 
-    def __init__(self, fault):
-        self.fault = fault
+    fault: str
 
     def law(self, xp):
         fault = self.fault
@@ -261,6 +261,61 @@ class _Wrong(tires.Tire):
 def test_a_law_that_contradicts_the_package_is_refused(fault, text):
     with pytest.raises(ValueError, match=text):
         tires.resolve(_Wrong(fault))
+
+
+def own(law, frozen=True, **fields):
+    """A tire of one's own with a law of the usual three arguments, or of xp and them."""
+    named = {"law": law, "__annotations__": dict.fromkeys(fields, object), **fields}
+    return dataclasses.dataclass(frozen=frozen)(type("Own", (tires.Tire,), named))
+
+
+def law(function):
+    return lambda tire, xp: function
+
+
+FAULTS = {
+    "a branch": (
+        law(lambda slip, stiffness, peak: -stiffness * slip if abs(slip) < peak else peak),
+        "fails on five slip angles at once .it branches on data: use xp.where.$",
+    ),
+    "numpy": (
+        law(lambda slip, stiffness, peak: -peak * np.tanh(stiffness * slip / peak)),
+        "fails .*it calls numpy's tanh: use xp.tanh.$",
+    ),
+    "math": (
+        law(lambda slip, stiffness, peak: -peak * math.tanh(stiffness * slip / peak)),
+        "fails .*it asks for one float, as the functions of math do: use those of xp, function, where, .*tanh.$",
+    ),
+    "what xp has not": (
+        lambda tire, xp: lambda slip, stiffness, peak: xp.exp(slip),
+        "fails .*xp has no 'exp'; it has function, where, .*tanh.$",
+    ),
+    "two arguments": (
+        law(lambda slip, stiffness: -stiffness * slip),
+        r"fails on five slip angles at once .TypeError: .*takes 2 positional arguments but 3 were given.$",
+    ),
+    "no return": (law(lambda slip, stiffness, peak: None), "gives None: is its `return` missing"),
+    "a sum": (law(lambda slip, stiffness, peak: sum(slip)), "fails .*it looks into a number as if it were an array"),
+    "a constant": (law(lambda slip, stiffness, peak: -4000.0), "must give one finite number per slip angle, got -4000"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_in_a_law_of_ones_own_is_one_line(fault):
+    made, words = FAULTS[fault]
+    with pytest.raises(ValueError, match=f"^tire Own: its law {words}") as caught:
+        tires.resolve(own(made)())
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match=r"^tire Own: its law "):
+        own(made)().lateral_force(0.1, C, PEAK)
+
+
+def test_a_tire_of_ones_own_is_a_frozen_value():
+    fine = law(lambda slip, stiffness, peak: -stiffness * slip)
+    with pytest.raises(TypeError, match=r"^tire Own must be a frozen dataclass: write @dataclasses"):
+        tires.resolve(own(fine, frozen=False)())
+    with pytest.raises(TypeError, match=r"^tire Own: its fields must be hashable, a tuple in place of a list"):
+        tires.resolve(own(fine, points=None)([1.0]))
 
 
 @pytest.mark.parametrize("tire", [*(law() for law in tires.LAWS.values()), tires.MagicFormula(1.5, -0.3)], ids=repr)

@@ -11,7 +11,8 @@ from combinations import only_all
 
 from bicycle_env.envs import BicycleStabEnv, TorchVectorEnv
 from bicycle_env.envs.bicycle_stab import BicycleStabVectorEnv
-from bicycle_env.physics.car import CarState
+from bicycle_env.physics.car import CarParameters, CarState
+from bicycle_env.physics.records import replaced
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.episode import Reference
 from bicycle_env.tasks.lane_change import LaneChange
@@ -48,6 +49,12 @@ def test_tasks_are_values():
         LaneChange().lane_width = 3.0
 
 
+def changed_in_place(state, reference, episode, world):
+    size = state.heading
+    size *= size
+    return size
+
+
 class OtherState(NamedTuple):
     longitudinal_position: float
     time: float
@@ -72,11 +79,35 @@ FAULTS = {
     ),
     "a mean over the cars": (
         {"cost": law(lambda state, reference, episode, world: 0.0 * state.heading + np.mean(state.heading) ** 2)},
-        "'cost' mixes the cars",
+        "'cost' fails on two cars at once .it calls numpy's mean: a law may use xp's function, where, ",
     ),
     "the first car's": (
         {"cost": law(lambda state, reference, episode, world: 0.0 * state.heading + state.heading[0] ** 2)},
-        "'cost' mixes the cars",
+        "'cost' fails on two cars at once .it looks into a number as if it were an array: a law is of single numbers",
+    ),
+    "a function of numpy": (
+        {"cost": law(lambda state, reference, episode, world: np.arctan(abs(state.heading)))},
+        "'cost' fails on two cars at once .it calls numpy's arctan: use xp.atan.$",
+    ),
+    "a function of numpy for a builtin": (
+        {"cost": law(lambda state, reference, episode, world: np.abs(state.heading))},
+        "it calls numpy's absolute: use abs",
+    ),
+    "an argument changed in place": (
+        {"cost": law(changed_in_place)},
+        r"'cost' changes what it is given: write x = x \+ 1.0 in place of x \+= 1.0",
+    ),
+    "a function that xp does not have": (
+        {"cost": lambda task, xp: lambda state, reference, episode, world: xp.exp(abs(state.heading))},
+        "'cost' fails on two cars at once .xp has no 'exp'; it has function, where, multiply_add, .*tanh.$",
+    ),
+    "one that it does not have when the law is made": (
+        {"cost": lambda task, xp: xp.sqrt},
+        "'cost' cannot be made .xp has no 'sqrt'; it has",
+    ),
+    "a misspelt field": (
+        {"conditions": lambda task, xp: replaced(xp, CarParameters, ("front_peak",))},
+        "'conditions' cannot be made .ValueError: unknown field of CarParameters 'front_peak'; did you",
     ),
     "a constant": (
         {"cost": law(lambda state, reference, episode, world: 0.0)},

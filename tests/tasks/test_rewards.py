@@ -142,9 +142,10 @@ def variant(law):
         (lambda s, r, a, m, b, e, w: s.yawrate, "'law' fails on two cars at once .*'yawrate'"),
         (lambda s, r, a, m, b, e, w: 1.0, "must give one finite number per car, got 1.0"),
         (lambda s, r, a, m, b, e, w: 1.0 if e > 0 else 0.0, "branches on data: use xp.where"),
+        (lambda s, r, a, m, b, e, w: np.cos(s.heading), "it calls numpy's cos: use xp.cos"),
         (lambda s, r, a, m, b, e, w: s.heading, "is another one for the mirror image"),
     ],
-    ids=["typo", "constant", "branch", "mirror"],
+    ids=["typo", "constant", "branch", "numpy", "mirror"],
 )
 def test_a_fault_is_one_line(law, words):
     with pytest.raises(ValueError, match=f"^reward Variant.*{words}"):
