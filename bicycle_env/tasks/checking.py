@@ -18,6 +18,7 @@ from bicycle_env.physics.elementary import NUMPY, PYTHON
 from bicycle_env.physics.presets import vehicles
 from bicycle_env.physics.trial import tried, words
 from bicycle_env.physics.validation import check_value, positive
+from bicycle_env.tasks.control_step import GRIP
 from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
 from bicycle_env.tasks.marks import checked
 from bicycle_env.tasks.rewards import Reward
@@ -25,6 +26,8 @@ from bicycle_env.tasks.task import Task
 
 SPEED, CONTROL_TIMESTEP, SUBSTEPS = 30.0, 0.02, 5
 COMMANDS = ("front_steer_command", "rear_steer_command")
+DIVISORS = ("speed", "mass", "yaw_inertia", "front_time_constant", "rear_time_constant")
+"""Of the car of a moment."""
 PLACES = (
     CarState(np.array([0.0, 40.0]), *(np.array([0.01, -0.02]) * size for size in (1.0, 1.0, 5.0, 2.0, 1.0, 1.0))),
     CarState(np.array([70.0, 9.0]), *(np.array([-1.5, 2.0]) * size for size in (2.0, 0.5, 9.0, 1.0, 0.02, 0.02))),
@@ -170,6 +173,10 @@ def _changes(task: Task, name: str, world: World) -> tuple[Callable[..., Any], l
         if conditions is not None:
             car = conditions(state, episode, 0.06 + zero, world)
             _must_be(CarParameters, car, f"task {name}: its law 'conditions'")
+            for field in (*DIVISORS, *GRIP):
+                value, least = getattr(car, field), ">= 0" if field in GRIP else "> 0"
+                if not np.all(value >= 0.0 if field in GRIP else value > 0.0):
+                    raise ValueError(f"task {name}: its law 'conditions' must give a {field} {least}, got {value}")
             values += _mirrored(car, side, ("side_force", "yaw_moment"))
         if remember is not None:
             own = remember(state, episode, action, world)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.model import Model
+from bicycle_env.physics.records import replaced
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
@@ -15,6 +16,11 @@ from bicycle_env.tasks.task import Task
 Law = Callable[..., Any]
 Axles = tuple[Any, Any]
 """(front, rear)."""
+
+
+GRIP = ("front_cornering_stiffness", "rear_cornering_stiffness", "front_peak_force", "rear_peak_force")
+NO_GRIP = 1e-20
+"""N/rad, N: in place of 0, by which tire laws divide."""
 
 
 class Parts(NamedTuple):
@@ -101,12 +107,19 @@ def car_of_the_moment(xp: Any, task: Task) -> Law:
             return world.car
 
         return always
-    law = xp.function(conditions)
+    law, gripping = xp.function(conditions), replaced(xp, CarParameters, GRIP)
 
     def moment(state: CarState, episode: EpisodeState, elapsed: Any, world: World) -> CarParameters:
         time = xp.multiply_add(episode.steps, world.rules.control_timestep, elapsed)
-        car: CarParameters = law(state, episode, time, world)
-        return car
+        car = law(state, episode, time, world)
+        held: CarParameters = gripping(
+            car,
+            xp.maximum(car.front_cornering_stiffness, NO_GRIP),
+            xp.maximum(car.rear_cornering_stiffness, NO_GRIP),
+            xp.maximum(car.front_peak_force, NO_GRIP),
+            xp.maximum(car.rear_peak_force, NO_GRIP),
+        )
+        return held
 
     return moment
 

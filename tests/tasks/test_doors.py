@@ -10,12 +10,17 @@ import torch
 from gymnasium.envs.registration import registry
 
 import bicycle_env
-from bicycle_env import analysis, vehicles
+from bicycle_env import analysis, tires, vehicles
 from bicycle_env.envs import TorchVectorEnv
-from bicycle_env.physics.car import CarParameters
+from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.car import CarParameters, CarState, car_on_road
+from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.records import replaced
+from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.tasks.checking import check
-from bicycle_env.tasks.stabilise import Stabilise, StabiliseState
+from bicycle_env.tasks.control_step import transition
+from bicycle_env.tasks.episode import EpisodeState, Rules, World
+from bicycle_env.tasks.stabilise import Nothing, Stabilise, StabiliseState
 from bicycle_env.tasks.task import Entry
 
 ID = "Test/Doors-v0"
@@ -213,3 +218,68 @@ def test_a_law_that_cannot_be_is_refused_in_one_line(laws, match):
     with pytest.raises((TypeError, ValueError), match=match) as error:
         check(variant(**laws))
     assert "\n" not in str(error.value)
+
+
+@dataclasses.dataclass(frozen=True)
+class Slippery(Stabilise):
+    """From 10 m on the road has no grip at all, and with `soft` the tires no stiffness either."""
+
+    soft: bool = False
+
+    def conditions(self, xp):
+        names = ("front_peak_force", "rear_peak_force")
+        if self.soft:
+            names = (*names, "front_cornering_stiffness", "rear_cornering_stiffness")
+        changed, soft = replaced(xp, CarParameters, names), self.soft
+
+        def conditions(state, episode, time, world):
+            car, left = world.car, xp.where(state.longitudinal_position > 10.0, 0.0, 1.0 + 0.0 * time)
+            peaks = (left * car.front_peak_force, left * car.rear_peak_force)
+            if soft:
+                return changed(car, *peaks, left * car.front_cornering_stiffness, left * car.rear_cornering_stiffness)
+            return changed(car, *peaks)
+
+        return conditions
+
+
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("tire", [name for name in tires.LAWS if name != "linear"])
+def test_a_road_without_grip_lets_the_car_slide_on(tire, soft):
+    """The laws divide by the peak force: the state was NaN, and the episode ran on."""
+    task, model = Slippery(soft), SingleTrack.of(tire)
+    check(task)
+    rules = Rules(0.02, 5, 400, 1.0, 1.0)
+    world = World(car_on_road(vehicles["oversteer"], 40.0, 1.0, FRONT, REAR), rules, task.settings(40.0))
+    step = transition(NUMPY, task, model, task.rewards["default"])
+    zero = np.zeros(2)
+    state = CarState(zero + 9.0, zero, zero, np.array([1.0, -2.0]), np.array([0.2, 0.3]), zero, zero)
+    episode, rates = EpisodeState(zero, zero, zero, zero, Nothing()), []
+    for _ in range(20):
+        state, episode, *_ = step(state, episode, (0.3 + zero, -0.2 + zero), world, 5)
+        rates.append(state.yaw_rate)
+    assert np.all(np.isfinite(state))
+    np.testing.assert_array_equal(rates[2], rates[-1])  # nothing turns it any more
+    assert np.all(rates[0] != rates[2])
+
+
+def test_telemetry_of_a_car_without_grip():
+    bicycle_env.register("Test/Slippery-v0", Slippery)
+    env = gym.make("Test/Slippery-v0", telemetry=True)
+    env.reset(seed=0, options={"state": {"longitudinal_position": 20.0, "yaw_rate": 0.4}})
+    info = env.step(np.zeros(2, np.float32))[4]
+    registry.pop("Test/Slippery-v0")
+    assert np.isfinite([value for name, value in info.items() if name != "end"]).all()
+    assert abs(info["front_lateral_force"]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("field", "factor", "words"), [("mass", 0.0, "mass > 0, got"), ("rear_peak_force", -1.0, "rear_peak_force >= 0")]
+)
+def test_a_car_that_cannot_be_is_refused(field, factor, words):
+    def conditions(self, xp):
+        changed = replaced(xp, CarParameters, (field,))
+        return lambda state, episode, time, world: changed(world.car, factor * getattr(world.car, field))
+
+    task = dataclasses.dataclass(frozen=True)(type("Absurd", (Stabilise,), {"conditions": conditions}))()
+    with pytest.raises(ValueError, match=f"task Absurd: its law 'conditions' must give a {words}"):
+        check(task)
