@@ -10,7 +10,9 @@ from typing import Any
 from bicycle_env.physics.actuators import FRONT, REAR, Actuator
 from bicycle_env.physics.tires import Tire
 from bicycle_env.physics.vehicle import Vehicle
+from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.rewards import Reward
+from bicycle_env.tasks.task import Task
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -48,9 +50,40 @@ ADDED = ("randomise", "disturbances", "driver", "action_delay", "observation_del
 """Those that are added to a task: the arguments of ``tasks.options.altered``."""
 
 
+OF_MAKERS = (
+    *("id", "env_id", "num_envs", "max_episode_steps", "vectorization_mode", "vector_kwargs", "wrappers", "seed"),
+    *(
+        "disable_env_checker",
+        "autoreset_mode",
+        "staggered_start",
+        "on_invalid",
+        "dtype",
+        "threads",
+        "device",
+        "compile",
+    ),
+    *("compile", "varied", "telemetry", "render_mode"),
+)
+"""Keywords of what makes environments: of ``gym.make``, ``gym.make_vec`` and ``TorchVectorEnv``."""
+
+
 def taken_from(keywords: dict[str, Any]) -> Setup:
     """The setup of some keywords; they are taken out, and what is left is the task's."""
     return Setup(**{name: keywords.pop(name) for name in NAMES if name in keywords})
+
+
+def check_names(task: Task) -> None:
+    """ValueError for a task with a field or a reset option that nobody could set: environments take that name."""
+    own = task
+    while isinstance(own, AlteredTask):  # its options may be a car's on purpose: of what it draws
+        own = own.task
+    name = f"task {type(task).__name__}"
+    for field in inspect.signature(type(task)).parameters:
+        if field in (*NAMES, *OF_MAKERS):
+            raise ValueError(f"{name}: its field {field!r} must have another name: environments have a keyword of this")
+    for option in own.options:
+        if option in ("state", "reset_mask", *NAMES):
+            raise ValueError(f"{name}: its reset option {option!r} must have another name: environments take this one")
 
 
 def shown_in(init: Any) -> Any:

@@ -1,6 +1,7 @@
 """A task of one's own, registered from a script: known everywhere, in other processes, too."""
 
 import dataclasses
+import inspect
 import json
 import subprocess
 import sys
@@ -13,7 +14,9 @@ import torch
 from gymnasium.envs.registration import EnvSpec
 
 import bicycle_env
-from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.envs import BicycleStabEnv, TorchVectorEnv, setup
+from bicycle_env.envs.bicycle_stab import BicycleStabVectorEnv
+from bicycle_env.tasks.options import altered
 from bicycle_env.tasks.stabilise import Stabilise
 
 ID = "Mine/Narrow-v0"
@@ -110,6 +113,45 @@ def test_what_cannot_be_registered_changes_nothing(arguments, error, words):
         bicycle_env.register(*arguments)
     assert gym.spec(ID).max_episode_steps == 120
     assert gym.make("BicycleStab-v0").unwrapped.task == Stabilise()
+
+
+@pytest.mark.parametrize("name", ["tire", "friction", "telemetry", "threads", "max_episode_steps"])
+def test_a_field_that_a_keyword_would_hide_is_refused(name):
+    """The environment took the keyword, and the task went on with its own."""
+    hidden = dataclasses.make_dataclass("Hidden", [(name, float, 0.2)], bases=(Narrow,), frozen=True)
+    words = f"task Hidden: its field '{name}' must have another name: environments have a keyword of this"
+    with pytest.raises(ValueError, match=words):
+        bicycle_env.register(ID, hidden)
+
+    class Env(BicycleStabEnv):
+        default_task = hidden()
+
+    class Many(BicycleStabVectorEnv):
+        single_class = Env
+
+    for make in (Env, Many):
+        with pytest.raises(ValueError, match=words):
+            make()
+    assert gym.make(ID).unwrapped.task == Narrow()
+
+
+def test_all_keywords_are_known_to_the_check():
+    makers = (gym.make, gym.make_vec, BicycleStabEnv, BicycleStabVectorEnv, TorchVectorEnv)
+    names = {
+        parameter.name
+        for maker in makers
+        for parameter in inspect.signature(maker).parameters.values()
+        if parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+    }
+    assert names <= {*setup.NAMES, *setup.OF_MAKERS}
+
+
+@pytest.mark.parametrize("name", ["friction", "speed", "state"])
+def test_a_reset_option_that_would_be_hidden_is_refused(name):
+    hidden = dataclasses.dataclass(frozen=True)(type("Hidden", (Narrow,), {"options": {name: (0.0, 1.0)}}))
+    with pytest.raises(ValueError, match=f"task Hidden: its reset option '{name}' must have another name"):
+        bicycle_env.register(ID, hidden)
+    bicycle_env.register(ID, altered(Narrow(), randomise={"friction": (0.5, 1.0)}))  # what it draws is an option
 
 
 MODULE = """

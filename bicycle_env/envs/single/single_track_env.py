@@ -20,7 +20,7 @@ from bicycle_env.envs.fleet import CAR_OPTIONS, Origin, configure_alike, with_op
 from bicycle_env.envs.many.block_kernels import BAD_ACTION
 from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_layout
 from bicycle_env.envs.many.rows import Rows
-from bicycle_env.envs.setup import NAMES, shown_in, taken_from
+from bicycle_env.envs.setup import NAMES, check_names, shown_in, taken_from
 from bicycle_env.envs.single import kernels
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
@@ -365,6 +365,7 @@ def make_task(env_class: type[SingleTrackEnv], keywords: Mapping[str, Any]) -> T
             raise TypeError(f"{name} is no keyword of one car: give it to {ELSEWHERE[name]}")
     known_keys("keyword", keywords, keyword_names(env_class), TypeError)
     default: Any = env_class.default_task
+    check_names(default)
     given = dict(keywords)
     for name, value in keywords.items():
         if isinstance(value, Mapping) and dataclasses.is_dataclass(usual := getattr(default, name)):
