@@ -219,7 +219,10 @@ class Configured:
 
     @property
     def spec(self) -> Any:
-        """How the environment was made, the keywords in their plain form: its JSON makes an equal one."""
+        """How the environment was made, the keywords in their plain form: its JSON makes an equal one.
+
+        With a law of one's own ``to_json`` raises; the spec itself makes an equal environment in any case.
+        """
         return self._spec
 
     @spec.setter

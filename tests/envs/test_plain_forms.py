@@ -1,14 +1,18 @@
 """Keywords have a plain form: the JSON of a spec makes an equal environment."""
 
+import copy
 import dataclasses
+import pickle
+import re
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
-from bicycle_env import Actuator, tires, vehicles
+from bicycle_env import Actuator, disturbances, tires, vehicles
 from bicycle_env.control import make as make_controller
+from bicycle_env.tasks import rewards
 from bicycle_env.wrappers import FrontDriver, RecordSuccess
 
 STAB, LANE = "BicycleStab-v0", "BicycleLaneChange-v0"
@@ -77,10 +81,36 @@ class Mine(tires.Tire):
         return lambda slip_angle, cornering_stiffness, peak_force: -cornering_stiffness * slip_angle
 
 
-def test_a_tire_class_of_ones_own_is_refused_in_words():
-    spec = EnvSpec.from_json(gym.make(STAB, tire=Mine(), geometry="small_angle").spec.to_json())
-    with pytest.raises(ValueError, match="a tire class of one's own has no plain form: pass the object"):
-        gym.make(spec)
+@dataclasses.dataclass(frozen=True)
+class Still(rewards.Reward):
+    """A user's own reward."""
+
+    name: str = "bounded"  # as one of the package's
+
+    def law(self, xp):
+        return lambda state, reference, action, episode, before, end, world: -abs(state.yaw_rate)
+
+
+@dataclasses.dataclass(frozen=True)
+class Warm(disturbances.FrictionStep):
+    """A user's own disturbance."""
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "shown"),
+    [("tire", Mine(), "Mine()"), ("reward", Still(), "Still(name='bounded')"), ("disturbances", (Warm(),), "(Warm(")],
+)
+def test_json_refuses_to_lose_a_law_of_ones_own(name, value, shown):
+    """It was written as its numbers, {"tire": {}}, or as another law of the same name."""
+    keywords = {"tire": "linear", "geometry": "small_angle", name: value}
+    for env in (gym.make(STAB, **keywords), gym.make_vec(STAB, 2, **keywords)):
+        with pytest.raises(ValueError, match=re.escape(f"{name}={shown}") + ".*of one's own and has no plain form"):
+            env.spec.to_json()
+    alone = gym.make(STAB, **keywords)
+    for spec in (alone.spec, pickle.loads(pickle.dumps(alone.spec)), copy.deepcopy(alone.spec)):
+        again = gym.make(spec)
+        assert again.spec == alone.spec
+        assert equal(again.unwrapped, alone.unwrapped)
 
 
 @pytest.mark.filterwarnings("ignore:(FrontDriver|RecordSuccess) is deprecated")
