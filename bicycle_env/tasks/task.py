@@ -68,8 +68,8 @@ class Task(abc.ABC):
     """Reset options of the task beside ``state``."""
 
     rewards: ClassVar[Mapping[str, Reward]]
-    """By the names that ``reward=`` takes: "default" and "quadratic"; the latter is also the cost that controllers get
-    for a task without tuned weights."""
+    """By the names that ``reward=`` takes: "default", "quadratic", and others if there are. The quadratic one is also
+    the cost that controllers get for a task without tuned weights."""
     settled_seconds: ClassVar[float] = 1.0
     """How long :meth:`success` must have held when the time is over."""
     uniform_corridor: ClassVar[bool] = True

@@ -9,7 +9,7 @@ import re
 import gymnasium as gym
 import pytest
 
-from bicycle_env import Actuator, vehicles
+from bicycle_env import Actuator, tires, vehicles
 from bicycle_env.envs.configuration import DEFAULT_SPEED
 from bicycle_env.envs.single.single_track_env import keyword_names
 from bicycle_env.physics.car import CarState
@@ -122,13 +122,14 @@ def test_the_meanings_name_the_defaults_that_none_stands_for(page):
     assert f"{ratio:.12g} if neither is given" in meaning["speed_ratio"]
     assert f"{DEFAULT_SPEED:g} if neither is given and the vehicle has no critical speed" in meaning["speed"]
     for words, keyword in (
-        (("linear", "tanh", "fiala", "magic_formula"), "tire"),
+        (tires.LAWS, "tire"),
         (("front", "rear", "both"), "steer"),
         (("small_angle", "exact"), "geometry"),
-        (("default", "quadratic"), "reward"),
+        (page.env.task.rewards, "reward"),
         (("human", "rgb_array"), "render_mode"),
     ):
-        assert re.findall(r'`"(\w+)"`', meaning[keyword]) == list(words)
+        named = re.findall(r'`"(\w+)"`', meaning[keyword])
+        assert named == list(words), f"name them in the docstring of {page.cls.__name__}, {keyword}"
 
 
 def test_the_meanings_of_the_lane_change(lane_change):

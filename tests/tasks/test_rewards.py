@@ -86,7 +86,8 @@ def test_a_law_of_ones_own_is_the_same_in_every_environment(reward):
 
 def test_the_names_are_the_tasks_own_rewards():
     for task, env_id in ((Stabilise(), STAB), (LaneChange(), "BicycleLaneChange-v0")):
-        for name in ("default", "quadratic"):
+        assert {"default", "quadratic"} <= set(task.rewards)
+        for name in task.rewards:
             assert gym.make(env_id, reward=name).unwrapped.reward == task.rewards[name]
 
 
@@ -117,7 +118,7 @@ def test_the_model_has_the_costs_of_the_reward_or_else_the_tasks_own():
             ValueError,
             "lateral_weight must be a finite number >= 0, got -1",
         ),
-        (3, TypeError, "reward must be one of 'default', 'quadratic', a Reward object or a dict, got 3"),
+        (3, TypeError, f"reward must be one of {', '.join(map(repr, Stabilise.rewards))}, a Reward object or a dict"),
         (rewards.Bounded, TypeError, "a Reward object or a dict, got <class"),
     ],
 )
