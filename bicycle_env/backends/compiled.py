@@ -170,6 +170,16 @@ def entry_point(
     return ENTRY_POINTS[content]
 
 
+REMEDIES = {
+    r"Untyped global name '(\w+)'.*<class 'function'>": r"Call what xp.function(\1) gives, where the law is made",
+    r"Untyped global name '(\w+)'": r"Take the numbers that the law needs from \1 before it, where the law is made",
+    r"Unknown attribute '_replace' of type (\w+)": (
+        r"bicycle_env.physics.records has it for laws: replaced(xp, \1, names), made where the law is"
+    ),
+}
+"""By what numba says; the first that fits."""
+
+
 def _in_one_line(error: NumbaError) -> LawError:
     """Where the law is, and numba's reason."""
     text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
@@ -181,11 +191,13 @@ def _in_one_line(error: NumbaError) -> LawError:
     told = [
         line for line in reasons if line.startswith((">>>", "Use of unsupported", "Cannot", "Unknown", "NameError"))
     ]
-    reason = " ".join([reasons[0].rstrip(":"), *told[:1]]) if reasons else type(error).__name__
-    found = LawError(
-        f"{where}this law cannot be compiled ({reason}). A law may use its arguments, floats, tuples and the functions "
-        "of xp"
+    first = reasons[0].rstrip(":") if reasons else type(error).__name__
+    reason = " ".join([first, *(line for line in told[:1] if line != first)])
+    remedy = next(
+        (match.expand(words) for pattern, words in REMEDIES.items() if (match := re.search(pattern, text))),
+        "A law may use its arguments, floats, tuples and the functions of xp",
     )
+    found = LawError(f"{where}this law cannot be compiled ({reason}). {remedy}")
     found.details = text
     return found
 

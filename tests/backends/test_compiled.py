@@ -2,8 +2,10 @@
 
 import math
 import os
+import re
 import subprocess
 import sys
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -232,6 +234,62 @@ def test_nan_survives_compilation():
     assert function(np.inf)
     assert not function(1.0)
     assert not compiled.COMMON["fastmath"]
+
+
+def doubled(x):
+    return 2.0 * x
+
+
+class Pair(NamedTuple):
+    one: float
+    other: float
+
+
+class Friction:
+    value = 2.0
+
+
+FRICTION = Friction()
+
+
+def unbound(x):
+    return doubled(x)
+
+
+def replacing(x):
+    return Pair(x, x)._replace(one=2.0).one
+
+
+def of_an_object(x):
+    return x + FRICTION.value
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (
+            unbound,
+            r"Untyped global name 'doubled': .*\). Call what xp.function\(doubled\) gives, where the law is made",
+        ),
+        (
+            replacing,
+            r"Unknown attribute '_replace' .*\). bicycle_env.physics.records has it for laws: replaced\(xp, Pair, ",
+        ),
+        (
+            of_an_object,
+            r"Untyped global name 'FRICTION': .*\). Take the numbers that the law needs from FRICTION before",
+        ),
+        (lambda x: [*x], r"\). A law may use its arguments, floats, tuples and the functions of xp"),
+    ],
+    ids=["function", "replace", "object", "other"],
+)
+def test_what_cannot_be_compiled_is_one_line_with_its_remedy(law, words):
+    with pytest.raises(
+        compiled.LawError, match=rf"test_compiled.py, line \d+: this law cannot be compiled \(.*{words}"
+    ) as error:
+        entry_point(law, numba.float64(numba.float64))
+    assert "\n" not in str(error.value)
+    assert len(re.findall("Unknown attribute|Untyped", str(error.value))) <= 1
 
 
 @pytest.fixture
