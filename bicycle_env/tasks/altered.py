@@ -2,11 +2,13 @@
 
 What an experimenter adds to any task (drawn parameters, disturbances, a driver, delays) is such a task, so that the
 environments know nothing of it. What it has to keep of an episode stands behind the other task's own state.
+
+So is what users add to any task, from their own file: another entry of the observation (``entries`` and ``observe``), a
+car that depends on where it is (``conditions``), marks on the road.
 """
 
 from __future__ import annotations
 
-import abc
 import dataclasses
 from collections.abc import Mapping
 from typing import Any
@@ -25,6 +27,10 @@ class AlteredTask(Task):
     """Base of the tasks that change something of another task."""
 
     task: Task
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.task, Task):
+            raise TypeError(f"task must be a bicycle_env.tasks.task.Task, got {self.task!r}")
 
     # What a subclass may add to the task's own state
 
@@ -53,12 +59,12 @@ class AlteredTask(Task):
         """How many more uniform numbers a start takes; they come after the other task's."""
         return 0
 
-    @abc.abstractmethod
     def draw(self, xp: Any) -> Law:
         """``draw(uniforms, state, own, world) -> Kept`` at the start; ``own``: the other task's state.
 
-        Its uniform numbers are those from ``self.task.uniforms`` on.
+        Its uniform numbers are those from ``self.task.uniforms`` on. Needed where something is ``kept``.
         """
+        raise NotImplementedError(f"what is kept, {', '.join(self.kept)}, needs a law 'draw'")
 
     def update(self, xp: Any) -> Law | None:
         """``update(state, episode, action, world) -> Kept`` after a step, or None where they stay; see ``remember``."""

@@ -64,6 +64,7 @@ class SensedTask(AlteredTask):
     sensors: Sensors
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         offered = [entry.name for entry in (*self._split(self._any)[0], ACCELERATION)]
         if not isinstance(self.sensors.signals, str):
             for name in self.sensors.signals or ():

@@ -149,7 +149,8 @@ class Task(abc.ABC):
         """``conditions(state, episode, time, world) -> CarParameters``, or None where the car stays what it is.
 
         The car of this moment, anew in every substep of the physics: another friction, stiffness or mass, a gust as
-        ``side_force``. The other laws go on seeing the nominal car in ``world``.
+        ``side_force``. The other laws go on seeing the nominal car in ``world``. What ``randomise=`` draws and
+        ``disturbances=`` do comes after: it changes the car that is given here, as a factor of its peak forces.
         """
         return None
 

@@ -23,10 +23,12 @@ from bicycle_env.envs.many.blocks import Kind, layout, shared_layout
 from bicycle_env.physics.lateral import Axles
 from bicycle_env.physics.records import reader, writer
 from bicycle_env.physics.tires import Linear
+from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.control_step import car_of_the_moment, parts
 from bicycle_env.tasks.ends import clearance
 from bicycle_env.tasks.episode import Reference
 from bicycle_env.tasks.rewards import Reward
+from bicycle_env.tasks.task import Task
 
 BAD_ACTION = -1
 """What ``step`` returns for an action that is not finite; nothing has changed then."""
@@ -381,12 +383,16 @@ def measuring(kind: Kind) -> Any:
         return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)
 
 
+def _named(task: Task) -> str:
+    return f"{type(task).__name__} of {_named(task.task)}" if isinstance(task, AlteredTask) else task.name
+
+
 def label(kind: Kind) -> str:
     """What is being compiled, in words."""
     many = " for many cars" if kind.length > 1 else ""
     blocks_of = f", {kind.dtype}, in blocks of {kind.length}" if many else ""
     own = ", each car with its own numbers" if kind.varied else ""
-    return f"{kind.task.name}{many} with {kind.model}{blocks_of}{own}"
+    return f"{_named(kind.task)}{many} with {kind.model}{blocks_of}{own}"
 
 
 def kernels(kind: Kind, reward: Reward) -> Kernels:
