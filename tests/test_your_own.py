@@ -15,7 +15,7 @@ from bicycle_env.tasks.task import Task
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "your_own.md"
 TEXT = PAGE.read_text(encoding="utf-8")
-NOT_LAWS = ("settings", "entries", "task_state_with", "option_numbers", "check_options")
+NOT_LAWS = ("settings", "entries", "marks", "task_state_with", "option_numbers", "check_options")
 
 
 def rows_of(title):

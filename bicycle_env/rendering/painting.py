@@ -89,7 +89,13 @@ def paint_road(scene: Scene, width: int, height: int) -> Any:
     _fill(surface, view, (scene.corridor,), ASPHALT)
     if scene.target_lane:
         _fill(surface, view, (scene.target_lane,), TARGET)
-    _fill(surface, view, scene.ice, ICE)
+    if scene.ice:  # on the road, not beside it
+        ice, road = pygame.Surface(size), pygame.Surface(size)
+        _fill(ice, view, scene.ice, ICE)
+        _fill(road, view, (scene.corridor,), (255, 255, 255))
+        ice.blit(road, (0, 0), special_flags=pygame.BLEND_MULT)
+        ice.set_colorkey((0, 0, 0))
+        surface.blit(ice, (0, 0))
     _fill(surface, view, (*scene.road_edges, *scene.lane_dashes), WHITE)
     for cone in map(view.pixel, scene.cones):
         pygame.draw.circle(surface, CONE, cone, CONE_RADIUS * view.scale)

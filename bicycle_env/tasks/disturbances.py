@@ -8,10 +8,12 @@ from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
 from bicycle_env.physics.car import CarParameters, CarState
+from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.records import composed, field, record_of, replaced
 from bicycle_env.physics.validation import check_frozen, choice, explain_keywords, from_fields, number
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.episode import EpisodeState, World
+from bicycle_env.tasks.marks import Mark
 from bicycle_env.tasks.randomised import nominal
 from bicycle_env.tasks.task import Law
 
@@ -20,6 +22,8 @@ Amount = float | tuple[float, float]
 SIDES = {"left": (1.0, 1.0), "right": (-1.0, -1.0), "random": (-1.0, 1.0)}
 """The least and the greatest sign."""
 AXLES = ("front", "rear", "both")
+SIGHT = 100.0
+"""m to the sides, as far as ice without an end is drawn."""
 
 
 class Disturbance(abc.ABC):
@@ -43,6 +47,10 @@ class Disturbance(abc.ABC):
 
         ``time`` since the start, s; ``state`` of the car, for what lies at a place of the road.
         """
+
+    def marks(self, own: Any, fixed: Any) -> tuple[Mark, ...]:
+        """What of it is drawn on the road."""
+        return ()
 
 
 def _checked(name: str, amount: Any, low: float, high: float) -> Amount:
@@ -211,6 +219,11 @@ class IcePatch(Disturbance):
 
         return ice_patch
 
+    def marks(self, own: Any, fixed: Any) -> tuple[Mark, ...]:
+        begin, end = own.begin, own.begin + fixed.length
+        near, far = own.side * max(fixed.edge, -SIGHT), own.side * SIGHT
+        return (Mark("ice", ((begin, near), (end, near), (end, far), (begin, far))),)
+
 
 def _part_on_ice(xp: Any) -> Law:
     """``part(own, fixed, state, ahead)``: of the peak force, of an axle so far before the centre of mass."""
@@ -296,6 +309,13 @@ class DisturbedTask(AlteredTask):
             own, fixed = _named(xp, label, tuple(one.amounts())), _named(xp, label, tuple(one.constants()))
             chain = xp.function(_after(chain, xp.function(one.law(xp)), own, fixed))
         return chain  # type: ignore[no-any-return]
+
+    def marks(self, task_state: Any, world: World) -> tuple[Mark, ...]:
+        found = [*self.task.marks(task_state, world)]
+        for one, label in zip(self.disturbances, self._labels, strict=True):
+            own, fixed = (_named(PYTHON, label, tuple(names)) for names in (one.amounts(), one.constants()))
+            found += one.marks(own(task_state), fixed(world.settings))
+        return tuple(found)
 
 
 def _named(xp: Any, label: str, names: tuple[str, ...]) -> Any:

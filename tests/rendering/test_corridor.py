@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import bicycle_env  # noqa: F401
+from bicycle_env import plots
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.rendering import painting
@@ -18,6 +19,7 @@ from bicycle_env.rendering.corridor import corridor
 from bicycle_env.rendering.scene import build_scene
 from bicycle_env.rendering.viewer import setup_of
 from bicycle_env.tasks.checking import check
+from bicycle_env.tasks.disturbances import Gust, IcePatch
 from bicycle_env.tasks.episode import Reference
 from bicycle_env.tasks.marks import Mark
 from bicycle_env.tasks.options import altered
@@ -204,6 +206,31 @@ def test_cones_and_ice_are_painted_where_they_are(stab):
         x, y = (round(value) for value in view.pixel(point))
         assert tuple(image[x, y]) == colour, point
     assert tuple(image[tuple(round(value) for value in view.pixel((21.0, -0.6)))]) == painting.ASPHALT
+
+
+@pytest.mark.parametrize("edge", [0.0, None])
+def test_an_ice_patch_is_drawn_where_it_acts(edge):
+    patch = IcePatch(begin=(20.0, 22.0), length=8.0, side="right", edge=edge)
+    env = gym.make("BicycleStab-v0", disturbances=(Gust(), patch), render_mode="rgb_array", telemetry=True)
+    env.reset(seed=3, options={"state": {"longitudinal_position": 24.0, "lateral_position": -0.5}})
+    plant = env.unwrapped
+    begin = plant.state.ice_patch_begin
+    scene = build_scene(setup_of(plant), plant.state, plant.measure())
+    ((shape,), cones) = (scene.ice, scene.cones)
+    assert sorted({x for x, _ in shape}) == [begin, begin + 8.0]
+    assert max(y for _, y in shape) == (0.0 if edge == 0.0 else 100.0)
+    assert cones == ()
+    size = (960, 308)
+    image = painting.pygame.surfarray.array3d(painting.paint_road(scene, *size))
+    view = painting.View(scene.left, scene.middle, size[1] / (2.0 * scene.half_height), size[1])
+
+    def colour(x, y):
+        return tuple(image[tuple(round(value) for value in view.pixel((x, y)))])
+
+    assert colour(begin + 7.5, -1.2) == painting.ICE
+    assert colour(begin + 7.5, 1.2) == (painting.ASPHALT if edge == 0.0 else painting.ICE)
+    assert colour(begin + 7.5, -3.0) != painting.ICE  # beside the road
+    assert plots.episode([plant.state], env=env).axes[0].patches
 
 
 def test_what_is_added_to_a_task_leaves_its_marks(stab):
