@@ -52,16 +52,7 @@ ADDED = ("randomise", "disturbances", "driver", "action_delay", "observation_del
 
 OF_MAKERS = (
     *("id", "env_id", "num_envs", "max_episode_steps", "vectorization_mode", "vector_kwargs", "wrappers", "seed"),
-    *(
-        "disable_env_checker",
-        "autoreset_mode",
-        "staggered_start",
-        "on_invalid",
-        "dtype",
-        "threads",
-        "device",
-        "compile",
-    ),
+    *("disable_env_checker", "autoreset_mode", "staggered_start", "on_invalid", "dtype", "threads", "device"),
     *("compile", "varied", "telemetry", "render_mode"),
 )
 """Keywords of what makes environments: of ``gym.make``, ``gym.make_vec`` and ``TorchVectorEnv``."""
