@@ -16,6 +16,7 @@ from bicycle_env.backends import announcements, compiled
 from bicycle_env.envs.many import block_kernels, blocks
 from bicycle_env.envs.many.block_kernels import BAD_ACTION
 from bicycle_env.envs.many.blocks import Kind, shared_layout
+from bicycle_env.envs.many.car_functions import car_functions
 from bicycle_env.tasks.control_step import transition
 from bicycle_env.tasks.rewards import Reward
 
@@ -32,7 +33,7 @@ class Kernels(NamedTuple):
 
 @functools.cache
 def _step(kind: Kind, reward: Reward) -> Any:
-    xp, access, car, place = kind.xp, blocks.access(kind), block_kernels.car_functions(kind), shared_layout(kind)
+    xp, access, car, place = kind.xp, blocks.access(kind), car_functions(kind), shared_layout(kind)
     step_law = xp.function(transition(xp, kind.task, kind.model, reward))
     keep_after = blocks.keeper(kind)
     size, times, entries, settle_at = place.whole, place.times, kind.entries, place.steps_to_settle
