@@ -1,4 +1,4 @@
-"""The severe double lane change between cones, after ISO 3888-1 and ISO 3888-2; the page of its environment, too."""
+"""The double-lane-change task: between cones into the next lane and back, after ISO 3888-1 and ISO 3888-2."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class Cones(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class DoubleLaneChange(Task):
-    """PAGE"""
+    """Through the cones of three lanes, the second one beside the others; see BicycleDoubleLaneChange-v0."""
 
     name = "double_lane_change"
     episode_steps = 400
