@@ -41,7 +41,7 @@ LADDER = (0.4, 2.2)
 """Its ends, as multiples of the course's usual speed."""
 PREVIEW_TIMES = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)  # s
 SPARE = 0.5  # s: the way round is longer than straight on
-ROUNDS, BEYOND = 4, 1.0
+ROUNDS, BEYOND = 3, 1.0
 """Of "lqr-tuned": how often weights are tuned anew, and how much faster than what passes so far, m/s."""
 
 MakePolicy = Callable[[gym.Env], control.Policy]
