@@ -35,8 +35,10 @@ class Course(NamedTuple):
 
     lengths: tuple[float, ...]
     """Of the sections 1, 2, ...; the last lane is section 5 and what follows it."""
-    lanes: tuple[tuple[float, float, float], ...]
-    """Of sections 1, 3 and 5: (k, c, least): the lane's width is k times the body's + c, or the least width."""
+    widths: tuple[float, ...]
+    """k and c of the lanes 1, 3 and 5: a lane is k times the body's width + c wide."""
+    least_5: float
+    """What lane 5 is at least wide."""
     offset: float
     """From an edge of lane 1 to the right edge of lane 3."""
     from_left: float
@@ -51,7 +53,8 @@ class Course(NamedTuple):
 COURSES = {
     "iso3888-1": Course(
         lengths=(15.0, 30.0, 25.0, 25.0, 15.0, 15.0),
-        lanes=((1.1, 0.25, 0.0), (1.2, 0.25, 0.0), (1.3, 0.25, 0.0)),
+        widths=(1.1, 0.25, 1.2, 0.25, 1.3, 0.25),
+        least_5=0.0,
         offset=3.5,
         from_left=0.0,
         leads=(7.5, 9.5, 9.0, 10.5),
@@ -59,7 +62,8 @@ COURSES = {
     ),
     "iso3888-2": Course(
         lengths=(12.0, 13.5, 11.0, 12.5, 12.0),
-        lanes=((1.1, 0.25, 0.0), (1.0, 1.0, 0.0), (1.3, 0.25, 3.0)),
+        widths=(1.1, 0.25, 1.0, 1.0, 1.3, 0.25),
+        least_5=3.0,
         offset=1.0,
         from_left=1.0,
         leads=(4.5, 6.5, 4.5, 7.0),
@@ -108,10 +112,8 @@ class Cones(NamedTuple):
     return_length: Any
     per_width_1: Any
     more_1: Any
-    least_1: Any
     per_width_3: Any
     more_3: Any
-    least_3: Any
     per_width_5: Any
     more_5: Any
     least_5: Any
@@ -191,7 +193,7 @@ class DoubleLaneChange(Task):
         into_1, into_3, out_of_3, into_5 = course.leads
         change = (end_1 - into_1, begin_3 - end_1 + into_1 + into_3)
         back = (end_3 - out_of_3, begin_5 - end_3 + out_of_3 + into_5)
-        widths = [number for lane in course.lanes for number in lane]
+        widths = (*course.widths, course.least_5)
         start = (0.1, 0.01)
         return Cones._make(
             (DIRECTIONS[self.direction], *places, *change, *back, *widths, course.offset, course.from_left, *start)
@@ -271,8 +273,8 @@ def lanes(xp: Any) -> Law:
 
     def lanes(world: World) -> tuple[Any, Any, Any, Any, Any]:
         cones, body = world.settings, world.car.body_width
-        width_1 = xp.maximum(xp.multiply_add(cones.per_width_1, body, cones.more_1), cones.least_1)
-        width_3 = xp.maximum(xp.multiply_add(cones.per_width_3, body, cones.more_3), cones.least_3)
+        width_1 = xp.multiply_add(cones.per_width_1, body, cones.more_1)
+        width_3 = xp.multiply_add(cones.per_width_3, body, cones.more_3)
         width_5 = xp.maximum(xp.multiply_add(cones.per_width_5, body, cones.more_5), cones.least_5)
         right_1 = -0.5 * width_1  # the right edge of lane 5, too
         right_3 = xp.multiply_add(cones.from_left, width_1, right_1) + cones.offset

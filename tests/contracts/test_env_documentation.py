@@ -164,9 +164,9 @@ def test_the_courses_are_those_of_the_table(double_lane_change):
     for row, course in zip(rows, COURSES.values(), strict=True):
         lengths = row["sections 1, 2, ... [m]"].replace(" +", ",")
         assert tuple(map(float, lengths.split(", "))) == course.lengths
-        for number, (share, more, least) in zip("135", course.lanes, strict=True):
+        for number, share, more in zip("135", course.widths[::2], course.widths[1::2], strict=True):
             words = "w" if share == 1.0 else f"{share:g} w"
-            at_least = f", at least {least:g} m" if least else ""
+            at_least = f", at least {course.least_5:g} m" if number == "5" and course.least_5 else ""
             assert row[f"lane {number}"] == f"{words} + {more:g} m{at_least}"
         assert row["offset"] == f"{course.offset:g} m"
     double_lane_change.has(f"Lane 1 begins {APPROACH:g} s after the start")
