@@ -10,7 +10,7 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all lint lock stab lane-change controllers headroom tensors results benchmark benchmark-vector compat gymnasium-versions clean
+.PHONY: help demo test test-all lint lock stab lane-change controllers headroom entry-speed tensors results benchmark benchmark-vector compat gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/*.png"
@@ -22,6 +22,7 @@ help:
 	@echo "make lane-change         learn the lane change with five seeds: runs/BicycleLaneChange-v0-ppo.json (6 minutes)"
 	@echo "make controllers         all classical controllers on both tasks: runs/controllers_*.json"
 	@echo "make headroom            LQR as shipped, tuned for the condition, best found, bound: runs/headroom.json, .png (15 minutes)"
+	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json (10 minutes)"
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
 	@echo "make tensors             TorchVectorEnv beside the native environment: runs/torch_env.json"
@@ -71,6 +72,9 @@ controllers: $(VENV)/.installed-test
 headroom: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.headroom --json $(OUT)/headroom.json
 
+entry-speed: $(VENV)/.installed-test
+	$(BIN)/python -m agents.entry_speed --json $(OUT)/entry_speed.json
+
 benchmark: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/single_env.py --json $(OUT)/single_env.json
 
@@ -84,7 +88,7 @@ tensors: $(VENV)/.installed-demo
 
 # A row of the benchmarks that falls short here stands in its table, marked: the rest is made all the same.
 results:
-	$(MAKE) OUT=results demo stab lane-change controllers headroom tensors
+	$(MAKE) OUT=results demo stab lane-change controllers headroom entry-speed tensors
 	-$(MAKE) OUT=results benchmark
 	-$(MAKE) OUT=results benchmark-vector
 	mv results/performance.png docs/performance.png

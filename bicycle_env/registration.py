@@ -29,6 +29,12 @@ ENVIRONMENTS = (
         "bicycle_env.envs.bicycle_lane_change:BicycleLaneChangeVectorEnv",
         300,
     ),
+    Row(
+        "BicycleDoubleLaneChange-v0",
+        "bicycle_env.envs.bicycle_double_lane_change:BicycleDoubleLaneChangeEnv",
+        "bicycle_env.envs.bicycle_double_lane_change:BicycleDoubleLaneChangeVectorEnv",
+        400,
+    ),
 )
 
 

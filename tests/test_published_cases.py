@@ -4,14 +4,21 @@ The cases, their sources and their tolerances are in data/reference_cases.json. 
 is skipped under its own id, with the reason.
 """
 
+import dataclasses
+import itertools
 import json
 import math
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
-from bicycle_env import Vehicle, analysis, simulate, tires
+from bicycle_env import Vehicle, analysis, simulate, tires, vehicles
+from bicycle_env.physics.car import CarState
+from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.tasks.double_lane_change import COURSES, Side
+from bicycle_env.tasks.episode import World
 
 CASES = json.loads((Path(__file__).parent / "data" / "reference_cases.json").read_text(encoding="utf-8"))
 GRAVITY = 9.81
@@ -214,6 +221,64 @@ def free_response(parameters, name):
     return run[name][at]
 
 
+# ISO3888: the double lane change, from the corridor as it is judged
+
+
+def corridor(course, width=2.0):
+    """Of a car so wide, driven to the left: x (n,) from the start, right and left edge (n,), and the default speed."""
+    car = dataclasses.replace(vehicles["understeer"], body_width=width)
+    env = gym.make("BicycleDoubleLaneChange-v0", course=course, vehicle=car, direction="left").unwrapped
+    numbers = env.task.settings(env.speed)
+    x = np.arange(0.0, numbers.end_5 + 5.0, 0.01)
+    zero = 0.0 * x
+    there = env.task.reference(NUMPY)(CarState(x, *[zero] * 6), Side(1.0), World(env.configuration.car, None, numbers))
+    return x, there.road_centre - there.road_half_width, there.road_centre + there.road_half_width, env.speed
+
+
+def sections(course, width=2.0):
+    """``(length, right edge, left edge)`` of each stretch of one width, without the approach and what comes after."""
+    x, right, left, _ = corridor(course, width)
+    steps = np.flatnonzero(np.diff(left - right)) + 1
+    return [(x[end] - x[begin], right[begin], left[begin]) for begin, end in itertools.pairwise(steps)]
+
+
+def section_lengths(parameters, course):
+    lengths = [round(length, 1) for length, _, _ in sections(course)]
+    own = COURSES[course].lengths
+    assert lengths == pytest.approx([*own[:4], sum(own[4:])], abs=0.02)  # the last lane may be of two sections
+    return own
+
+
+def lane_widths(course):
+    """k and c of ``width = k w + c`` for the lanes 1, 3, 5, from bodies of 2.2 and 2.4 m, beyond any least width."""
+    narrow, wide = (np.array([left - right for _, right, left in sections(course, width)][::2]) for width in (2.2, 2.4))
+    factors = (wide - narrow) / 0.2
+    return factors, narrow - 2.2 * factors
+
+
+def first_course_widths(parameters):
+    factors, more = lane_widths("iso3888-1")
+    assert more == pytest.approx([more[0]] * 3, abs=1e-12)
+    return np.round([*factors, more[0]], 12)
+
+
+def second_course_widths(parameters):
+    factors, more = lane_widths("iso3888-2")
+    assert factors[1] == pytest.approx(1.0, abs=1e-12)
+    return np.round([factors[0], more[0], more[1]], 12)
+
+
+def right_to_right_and_speed(parameters):
+    (_, right_1, _), _, (_, right_3, _), _, (_, right_5, _) = sections("iso3888-1")
+    assert right_5 == pytest.approx(right_1, abs=1e-12)
+    return np.round([right_3 - right_1, 3.6 * corridor("iso3888-1")[3]], 12)
+
+
+def gap_between_lanes(parameters):
+    (_, _, left_1), _, (_, right_3, _), _, _ = sections("iso3888-2")
+    return round(right_3 - left_1, 12)
+
+
 COMPUTED = {
     "ME303-STEP.eig": me303_eigenvalues,
     "ME303-STEP.ss": me303_steady_state,
@@ -239,11 +304,18 @@ COMPUTED = {
     "MENDES-SKIDPAD-R.constU": skid_pad_radius,
     "MENDES-FREE-LIN.beta": lambda parameters: free_response(parameters, "sideslip"),
     "MENDES-FREE-LIN.r": lambda parameters: free_response(parameters, "yaw_rate"),
+    "ISO3888-1.len": lambda parameters: section_lengths(parameters, "iso3888-1"),
+    "ISO3888-1.total": lambda parameters: sum(section_lengths(parameters, "iso3888-1")),
+    "ISO3888-1.width": first_course_widths,
+    "ISO3888-1.off": right_to_right_and_speed,
+    "ISO3888-2.len": lambda parameters: section_lengths(parameters, "iso3888-2"),
+    "ISO3888-2.total": lambda parameters: sum(section_lengths(parameters, "iso3888-2")),
+    "ISO3888-2.width": second_course_widths,
+    "ISO3888-2.off": gap_between_lanes,
 }
 
 SKIPPED = {
     "MENDES-SKIDPAD-R.full": "its forward speed is free; this package holds the speed constant (see .constU)",
-    **{case["id"]: "no ISO 3888 double lane change in the package yet" for case in CASES if "ISO3888" in case["id"]},
     **{case["id"]: "no FMVSS 126 sine with dwell in the package yet" for case in CASES if "FMVSS126" in case["id"]},
 }
 

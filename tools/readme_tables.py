@@ -220,6 +220,42 @@ def headroom_return() -> str:
     return "\n".join(lines)
 
 
+def entry_speed() -> str:
+    result = read("entry_speed.json")
+    names = {
+        "preview": "MacAdam's driver: looks 1.3 s ahead, 0.2 s late",
+        "preview-tuned": "MacAdam's driver, never late, his look ahead tuned",
+        "stanley": "Stanley",
+        "lqr": "LQR with preview, tuned at the default speed of the first course",
+        "lqr-tuned": "LQR with preview, tuned for the highest entry speed",
+    }
+    columns = [(course, steer) for course, modes in result["courses"].items() for steer in modes]
+    heads = [f"{course}, {'front wheels' if steer == 'front' else 'both axles'}" for course, steer in columns]
+    lines = ["| highest entry speed [m/s] | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    for name, words in names.items():
+        rows = [result["courses"][course][steer].get(name) for course, steer in columns]
+        cells = [_passed(row["highest"], row["unbroken"]) if row else "-" for row in rows]
+        lines.append(f"| {words} | " + " | ".join(cells) + " |")
+    more = (
+        f"{result['starts']} starts at each of the speeds, {result['rung']:g} m/s apart; starts from seed "
+        f"{result['seed']}, tuning on others; `results/entry_speed.json`. In brackets, where it is not the same: the "
+        "speed up to which every speed passes."
+    )
+    return "\n".join([*lines, "", made(result, more)])
+
+
+def _passed(highest: float, unbroken: float) -> str:
+    if highest == 0.0:
+        return "none"
+    return (
+        f"{highest:.2f}"
+        if unbroken == highest
+        else f"{highest:.2f} [{unbroken:.2f}]"
+        if unbroken
+        else f"{highest:.2f} [none]"
+    )
+
+
 TABLES = {
     function.__name__: function
     for function in (
@@ -233,6 +269,7 @@ TABLES = {
         gpu,
         headroom,
         headroom_return,
+        entry_speed,
         controllers_stab,
         controllers_lane_change,
     )

@@ -252,13 +252,14 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
 
     `time_limit`: steps of an episode, the default of the horizon; None where it is not known or there is none.
     """
+    usual_speed = task.usual_speed
     task = altered(task, **{name: getattr(setup, name) for name in ADDED})
     check(task)
     vehicle = resolve_vehicle(setup.vehicle)
     relaxed = setup.relaxation_length is not None
     model: Model = (RelaxedSingleTrack if relaxed else SingleTrack).of(setup.tire, setup.geometry)
     relaxation_length = in_range("relaxation_length", setup.relaxation_length) if relaxed else None
-    speed = resolve_speed(vehicle, setup.speed, setup.speed_ratio)
+    speed = resolve_speed(vehicle, setup.speed, setup.speed_ratio, usual_speed)
     steer = choice("steer", setup.steer, STEER_MODES)
     friction = in_range("friction", setup.friction)
     reward = rewards.resolve(setup.reward, task.rewards)
@@ -304,13 +305,17 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
     )
 
 
-def resolve_speed(vehicle: Vehicle, speed: float | None, speed_ratio: float | None) -> float:
+def resolve_speed(
+    vehicle: Vehicle, speed: float | None, speed_ratio: float | None, usual_speed: float | None = None
+) -> float:
     """The speed [m/s] from at most one of the two keywords; ValueError or TypeError otherwise.
 
-    With neither, 1.2 times the critical speed, or 30 m/s for a car that has none.
+    With neither, the task's `usual_speed`; without one 1.2 times the critical speed, or 30 m/s for a car without it.
     """
     if speed is not None and speed_ratio is not None:
         raise ValueError(f"give speed or speed_ratio, not both; got {speed!r} and {speed_ratio!r}")
+    if speed is None and speed_ratio is None:
+        speed = usual_speed
     if speed is not None:
         return checked_speed(speed)
     if speed_ratio is None and math.isinf(vehicle.critical_speed):

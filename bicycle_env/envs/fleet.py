@@ -128,7 +128,7 @@ def configure_fleet(origin: Origin, num_envs: int, varied: bool = False) -> Flee
     car = CarParameters(*(np.empty(num_envs) for _ in CarParameters._fields))
     for vehicle, rows in groups.items():
         if given["speed"] is None and given["speed_ratio"] is None:
-            speed[rows] = resolve_speed(vehicle, None, None)
+            speed[rows] = resolve_speed(vehicle, None, None, task.usual_speed)
         elif given["speed"] is None:
             speed[rows] = column_of("speed_ratio", 1.0)[rows] * vehicle.critical_speed
         numbers: Any = (speed[rows], friction[rows], first.front_actuator, first.rear_actuator)

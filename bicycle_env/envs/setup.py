@@ -58,9 +58,12 @@ OF_MAKERS = (
 """Keywords of what makes environments: of ``gym.make``, ``gym.make_vec`` and ``TorchVectorEnv``."""
 
 
-def taken_from(keywords: dict[str, Any]) -> Setup:
-    """The setup of some keywords; they are taken out, and what is left is the task's."""
-    return Setup(**{name: keywords.pop(name) for name in NAMES if name in keywords})
+def taken_from(keywords: dict[str, Any], defaults: Mapping[str, Any]) -> Setup:
+    """The setup of some keywords, the task's `defaults` where they say nothing.
+
+    They are taken out, and what is left is the task's.
+    """
+    return Setup(**{**defaults, **{name: keywords.pop(name) for name in NAMES if name in keywords}})
 
 
 def check_names(task: Task) -> None:
@@ -77,12 +80,15 @@ def check_names(task: Task) -> None:
             raise ValueError(f"{name}: its reset option {option!r} must have another name: environments take this one")
 
 
-def shown_in(init: Any) -> Any:
-    """Let an ``__init__(self, *, ..., **keywords)`` show the fields of Setup in its signature, before its own."""
-    own = list(inspect.signature(init).parameters.values())
+def shown(signature: inspect.Signature, defaults: Mapping[str, Any]) -> inspect.Signature:
+    """What a class that takes ``**keywords`` shows: the fields of Setup, with a task's defaults, before its own."""
     fields = [
-        inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=field.type)
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=defaults.get(field.name, field.default),
+            annotation=field.type,
+        )
         for field in dataclasses.fields(Setup)
     ]
-    init.__signature__ = inspect.Signature([own[0], *fields, *own[1:]])
-    return init
+    return inspect.Signature([*fields, *signature.parameters.values()])

@@ -109,6 +109,10 @@ class AlteredTask(Task):
         return self.task.options
 
     @property
+    def defaults(self) -> Mapping[str, Any]:  # type: ignore[override]
+        return self.task.defaults
+
+    @property
     def rewards(self) -> Any:  # type: ignore[override]
         return self.task.rewards
 
@@ -140,6 +144,10 @@ class AlteredTask(Task):
     @property
     def preview_times(self) -> tuple[float, ...]:
         return self.task.preview_times
+
+    @property
+    def usual_speed(self) -> float | None:
+        return self.task.usual_speed
 
     @property
     def metrics(self) -> tuple[Metric, ...]:

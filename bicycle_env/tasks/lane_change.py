@@ -14,7 +14,7 @@ from bicycle_env.tasks import rewards
 from bicycle_env.tasks.ends import Tolerances
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.metrics import SHARED, Metric, Run
-from bicycle_env.tasks.task import Entry, Task, fixed_entries, observed_car
+from bicycle_env.tasks.task import Entry, Law, Task, fixed_entries, observed_car
 
 SIDES = {"left": 1.0, "right": -1.0}
 DIRECTIONS = {**SIDES, "random": 0.0}
@@ -116,23 +116,15 @@ class LaneChange(Task):
             raise ValueError(
                 f"give duration or length of the change, not both; got {self.duration!r} and {self.length!r}"
             )
-        checked |= {name: positive(name, getattr(self, name)) for name in ("lane_width", "preview_spacing")}
+        checked["lane_width"] = positive("lane_width", self.lane_width)
         for name in ("duration", "length"):
             if getattr(self, name) is not None:
                 checked[name] = positive(name, getattr(self, name))
-        checked["preview_length"] = number("preview_length", self.preview_length, 0.0)
+        checked |= checked_preview(self.preview_length, self.preview_spacing)
         if self.change_start is not None:
             checked["change_start"] = number("change_start", self.change_start, 0.0, LATEST_START)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-        if self._points >= PREVIEW_POINTS_LIMIT + 1:
-            raise ValueError(
-                f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT}, got {self._points:g}"
-            )
-
-    @property
-    def _points(self) -> float:
-        return self.preview_length / self.preview_spacing + 1e-9
 
     @property
     def road_half_width(self) -> float:
@@ -140,7 +132,7 @@ class LaneChange(Task):
 
     @property
     def preview_times(self) -> tuple[float, ...]:
-        return tuple(self.preview_spacing * (k + 1) for k in range(int(self._points)))
+        return times_ahead(self.preview_length, self.preview_spacing)
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
@@ -195,37 +187,13 @@ class LaneChange(Task):
         return reference
 
     def observe(self, xp: Any) -> Any:
-        car = xp.function(observed_car(xp))
-        reference_law = xp.function(self.reference(xp))
-
-        def observe(state: CarState, episode: EpisodeState, world: World) -> tuple[Any, ...]:
-            reference = reference_law(state, episode.task_state, world)
-            seen: tuple[Any, ...] = car(state, episode)
-            errors = (state.lateral_position - reference.lateral_position, state.heading - reference.heading)
-            return seen + errors
-
-        return observe
+        return observed_on_path(xp, self)
 
     def preview(self, xp: Any) -> Any:
-        quintic = xp.function(quintic_path(xp))
-
-        def preview(state: CarState, route: Route, world: World, time: Any) -> Any:
-            place = xp.multiply_add(world.car.speed, time, state.longitudinal_position)
-            ahead, _ = quintic(place, route, world)
-            return ahead - state.lateral_position
-
-        return preview
+        return path_ahead(xp, quintic_path(xp))
 
     def entries(self, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:
-        return (
-            *fixed_entries(speed, front_limit, rear_limit),
-            Entry("lateral_error", "m", 1.0, 10.0, "lateral position minus the path's"),
-            Entry("heading_error", "rad", 0.2, 10.0, "heading minus the path's"),
-            *(
-                Entry(f"preview_{time:g}s", "m", 1.0, 10.0, f"path {time:g} s ahead minus lateral position")
-                for time in self.preview_times
-            ),
-        )
+        return path_entries(self, speed, front_limit, rear_limit)
 
     def task_state_with(self, route: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
         if "direction" in numbers:
@@ -251,16 +219,85 @@ def settling_time(run: Run, tolerance: float) -> float | None:
 
 def quintic_path(xp: Any) -> Any:
     """``(lateral position [m], slope dy/dx)`` of the path at a longitudinal position; flat outside of the change."""
+    rise_of = xp.function(quintic_rise(xp))
 
     def quintic(longitudinal_position: Any, route: Route, world: World) -> tuple[Any, Any]:
         path = world.settings
-        s = (longitudinal_position - route.change_start) / path.change_length
-        s = xp.minimum(xp.maximum(s, 0.0), 1.0)
+        rise, slope = rise_of((longitudinal_position - route.change_start) / path.change_length)
         width = route.direction * path.lane_width
-        rest = 1.0 - s
-        return (
-            width * (s * s * s * xp.multiply_add(-s, xp.multiply_add(-6.0, s, 15.0), 10.0)),
-            width * (30.0 * s * s * (rest * rest)) / path.change_length,
-        )
+        return width * rise, width * slope / path.change_length
 
     return quintic
+
+
+# What tasks with a path to follow share
+
+
+def quintic_rise(xp: Any) -> Any:
+    """``(rise, its derivative)`` of 10 s^3 - 15 s^4 + 6 s^5: from 0 to 1 while s does, flat before and after."""
+
+    def quintic_rise(s: Any) -> tuple[Any, Any]:
+        s = xp.minimum(xp.maximum(s, 0.0), 1.0)
+        rest = 1.0 - s
+        return (
+            s * s * s * xp.multiply_add(-s, xp.multiply_add(-6.0, s, 15.0), 10.0),
+            30.0 * s * s * (rest * rest),
+        )
+
+    return quintic_rise
+
+
+def checked_preview(length: Any, spacing: Any) -> dict[str, float]:
+    """The two keywords of a preview; ValueError or TypeError names a bad one."""
+    checked = {
+        "preview_length": number("preview_length", length, 0.0),
+        "preview_spacing": positive("preview_spacing", spacing),
+    }
+    points = checked["preview_length"] / checked["preview_spacing"] + 1e-9
+    if points >= PREVIEW_POINTS_LIMIT + 1:
+        raise ValueError(f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT}, got {points:g}")
+    return checked
+
+
+def times_ahead(length: float, spacing: float) -> tuple[float, ...]:
+    """The look-ahead times of a preview, s."""
+    return tuple(spacing * (k + 1) for k in range(int(length / spacing + 1e-9)))
+
+
+def observed_on_path(xp: Any, task: Task) -> Law:
+    """``observe``: the car and its errors against the task's reference."""
+    car = xp.function(observed_car(xp))
+    reference_law = xp.function(task.reference(xp))
+
+    def observe(state: CarState, episode: EpisodeState, world: World) -> tuple[Any, ...]:
+        reference = reference_law(state, episode.task_state, world)
+        seen: tuple[Any, ...] = car(state, episode)
+        errors = (state.lateral_position - reference.lateral_position, state.heading - reference.heading)
+        return seen + errors
+
+    return observe
+
+
+def path_ahead(xp: Any, path: Law) -> Law:
+    """``preview``, from ``path(longitudinal_position, task_state, world) -> (lateral position, slope)``."""
+    path = xp.function(path)
+
+    def preview(state: CarState, task_state: Any, world: World, time: Any) -> Any:
+        place = xp.multiply_add(world.car.speed, time, state.longitudinal_position)
+        ahead, _ = path(place, task_state, world)
+        return ahead - state.lateral_position
+
+    return preview
+
+
+def path_entries(task: Task, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:
+    """``entries``: the car, both errors and the preview."""
+    return (
+        *fixed_entries(speed, front_limit, rear_limit),
+        Entry("lateral_error", "m", 1.0, 10.0, "lateral position minus the path's"),
+        Entry("heading_error", "rad", 0.2, 10.0, "heading minus the path's"),
+        *(
+            Entry(f"preview_{time:g}s", "m", 1.0, 10.0, f"path {time:g} s ahead minus lateral position")
+            for time in task.preview_times
+        ),
+    )

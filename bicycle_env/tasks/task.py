@@ -66,6 +66,8 @@ class Task(abc.ABC):
     """The words in ``info["end"]`` for the codes 1, 2, 4, 5, ... of :meth:`end`; 3 is the environments' own."""
     options: ClassVar[Mapping[str, Allowed]] = {}
     """Reset options of the task beside ``state``."""
+    defaults: ClassVar[Mapping[str, Any]] = {}
+    """Keywords of the environments whose default is another one for this task, such as ``{"vehicle": "tsx"}``."""
 
     rewards: ClassVar[Mapping[str, Reward]]
     """By the names that ``reward=`` takes: "default", "quadratic", and others if there are. The quadratic one is also
@@ -97,6 +99,11 @@ class Task(abc.ABC):
     def preview_times(self) -> tuple[float, ...]:
         """Look-ahead times of the preview in the observation, s."""
         return ()
+
+    @property
+    def usual_speed(self) -> float | None:
+        """m/s, where neither speed nor speed_ratio is given; None: what the environments say."""
+        return None
 
     @property
     def told(self) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from bicycle_env.envs.many.blocks import best_length
 
 FILE = Path(__file__).parent / "hashes.json"
 STAB, LANE_CHANGE = "BicycleStab-v0", "BicycleLaneChange-v0"
+DOUBLE_LANE_CHANGE = "BicycleDoubleLaneChange-v0"
 CARS, STEPS, TIME_LIMIT, SEED = 4, 400, 60, 20
 BLOCKS = (4, 8, 64)
 
@@ -67,6 +68,10 @@ ROLLOUTS = [
     Rollout(LANE_CHANGE, "tanh", "exact", "default", True, "float32"),
     Rollout(STAB, "fiala", "exact", "default", False, "float32"),
     Rollout(LANE_CHANGE, "magic_formula", "small_angle", "quadratic", True, "float32"),
+    # A corridor that is not the same beside the whole body.
+    Rollout(DOUBLE_LANE_CHANGE, "fiala", "exact", "default", False),
+    Rollout(DOUBLE_LANE_CHANGE, "magic_formula", "small_angle", "quadratic", True),
+    Rollout(DOUBLE_LANE_CHANGE, "fiala", "exact", "default", False, "float32"),
 ]
 OWN = {
     "vehicle": ("oversteer", "me303", "oversteer", "civic"),

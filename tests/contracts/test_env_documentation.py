@@ -14,6 +14,7 @@ from bicycle_env.envs.configuration import DEFAULT_SPEED
 from bicycle_env.envs.single.single_track_env import keyword_names
 from bicycle_env.physics.car import CarState
 from bicycle_env.registration import ENVIRONMENTS
+from bicycle_env.tasks.double_lane_change import APPROACH, COURSES
 from bicycle_env.tasks.lane_change import DURATION
 
 
@@ -44,7 +45,7 @@ class Documented:
         """Keyword -> default, from the signatures."""
         own = {
             name: parameter.default
-            for name, parameter in inspect.signature(self.cls.__init__).parameters.items()
+            for name, parameter in inspect.signature(self.cls).parameters.items()
             if parameter.kind is parameter.KEYWORD_ONLY
         }
         task = {
@@ -70,6 +71,11 @@ def stab():
 @pytest.fixture
 def lane_change():
     return Documented(ENVIRONMENTS[1])
+
+
+@pytest.fixture
+def double_lane_change():
+    return Documented(next(row for row in ENVIRONMENTS if row.id == "BicycleDoubleLaneChange-v0"))
 
 
 def test_every_section_is_there(page):
@@ -118,9 +124,10 @@ def test_the_meanings_name_the_defaults_that_none_stands_for(page):
     meaning = {row["Keyword"]: row["Meaning"] for row in page.table("Arguments")}
     assert f"the time limit, or {page.env.horizon}, by default" in meaning["horizon"]
     assert page.env.horizon == page.row.max_episode_steps == page.env.task.episode_steps
-    ratio = page.env.speed / page.env.vehicle.critical_speed
-    assert f"{ratio:.12g} if neither is given" in meaning["speed_ratio"]
-    assert f"{DEFAULT_SPEED:g} if neither is given and the vehicle has no critical speed" in meaning["speed"]
+    if page.env.task.usual_speed is None:
+        ratio = page.env.speed / page.env.vehicle.critical_speed
+        assert f"{ratio:.12g} if neither is given" in meaning["speed_ratio"]
+        assert f"{DEFAULT_SPEED:g} if neither is given and the vehicle has no critical speed" in meaning["speed"]
     for words, keyword in (
         (tires.LAWS, "tire"),
         (("front", "rear", "both"), "steer"),
@@ -141,6 +148,39 @@ def test_the_meanings_of_the_lane_change(lane_change):
     assert f"uniform in {early:g} to {late:g}" in meaning["change_start"]
     assert f"{path.change_length / env.speed:g} by default" in meaning["duration"]
     lane_change.has(f"In the default {path.change_length / env.speed:g} s")
+
+
+def test_the_meanings_of_the_double_lane_change(double_lane_change):
+    meaning = {row["Keyword"]: row["Meaning"] for row in double_lane_change.table("Arguments")}
+    first, second = COURSES.values()
+    assert re.findall(r'`"([\w-]+)"`', meaning["course"]) == list(COURSES)
+    assert re.findall(r'`"(\w+)"`', meaning["direction"]) == ["left", "right", "random"]
+    assert f"{first.speed:.1f} on the first course, {second.speed:g} on the second" in meaning["speed"]
+    double_lane_change.has(f"{3.6 * first.speed:.0f} km/h on the first course and {3.6 * second.speed:.0f} km/h on")
+
+
+def test_the_courses_are_those_of_the_table(double_lane_change):
+    rows = double_lane_change.table("Description")
+    assert [row["course"] for row in rows] == list(COURSES)
+    for row, course in zip(rows, COURSES.values(), strict=True):
+        lengths = row["sections 1, 2, ... [m]"].replace(" +", ",")
+        assert tuple(map(float, lengths.split(", "))) == course.lengths
+        for number, share, more in zip("135", course.widths[::2], course.widths[1::2], strict=True):
+            words = "w" if share == 1.0 else f"{share:g} w"
+            at_least = f", at least {course.least_5:g} m" if number == "5" and course.least_5 else ""
+            assert row[f"lane {number}"] == f"{words} + {more:g} m{at_least}"
+        assert row["offset"] == f"{course.offset:g} m"
+    double_lane_change.has(f"Lane 1 begins {APPROACH:g} s after the start")
+    double_lane_change.has(f"a strip {2.0 * double_lane_change.env.task.road_half_width:g} m wide is free")
+
+
+def test_the_slowest_cars_that_pass_within_the_time(double_lane_change):
+    found = re.search(r"at least (\S+) m/s on the first course and (\S+) m/s on the second", double_lane_change.text)
+    seconds = double_lane_change.row.max_episode_steps * double_lane_change.env.control_timestep
+    for course, words in zip(COURSES, found.groups(), strict=True):
+        for speed, passes in ((float(words), True), (float(words) - 0.1, False)):
+            env = gym.make(double_lane_change.row.id, course=course, speed=speed).unwrapped
+            assert (env.task.seconds_to_pass(env.configuration.car) < seconds) is passes
 
 
 # Spaces
@@ -208,9 +248,11 @@ def test_the_default_reward_of_stab(stab):
     )
 
 
-def test_the_default_reward_of_the_lane_change(lane_change):
-    rules = lane_change.env.reward
-    lane_change.has(
+@pytest.mark.parametrize("id", ["lane_change", "double_lane_change"])
+def test_the_default_reward_on_a_path(id, request):
+    described = request.getfixturevalue(id)
+    rules = described.env.reward
+    described.has(
         f"c = {rules.lateral_weight} e_y^2 + {rules.heading_weight} e_psi^2 + {rules.sideslip_weight} beta^2 + "
         f"{rules.yaw_rate_weight} r^2 + {rules.effort_weight} |u|^2 + {rules.smoothness_weight} |du|^2"
     )
@@ -249,6 +291,14 @@ def test_the_start_of_the_lane_change(lane_change):
     lane_change.has(
         f"lateral_position in +-{path.offset} m, heading in +-{path.heading} rad, the change begins {early:.3g} to "
         f"{late:.3g} s after the start"
+    )
+
+
+def test_the_start_of_the_double_lane_change(double_lane_change):
+    env = double_lane_change.env
+    numbers = env.task.settings(env.speed)
+    double_lane_change.has(
+        f"lateral_position in +-{numbers.lateral_start} m, heading in +-{numbers.heading_start} rad, the second lane"
     )
 
 
@@ -313,13 +363,18 @@ def test_the_settable_state_names(stab):
         assert getattr(env.state, name) == 0.01
 
 
-def test_the_options_of_the_lane_change(lane_change):
-    found = re.search(r"`reset\(options=(\{.*?\})\)`", lane_change.text.replace("{...}", "{}")).group(1)
+@pytest.mark.parametrize("id", ["lane_change", "double_lane_change"])
+def test_the_options_of_a_change(id, request):
+    described = request.getfixturevalue(id)
+    found = re.search(r"`reset\(options=(\{.*?\})\)`", described.text.replace("{...}", "{}")).group(1)
     options = ast.literal_eval(found)
-    assert set(options) == {"state", *lane_change.env.task.options}
-    lane_change.env.reset(options=options)
+    assert set(options) == {"state", *described.env.task.options}
+    described.env.reset(options=options)
 
 
 def test_the_default_speed(page):
+    if page.env.task.usual_speed is not None:
+        assert page.env.speed == page.env.task.usual_speed
+        return
     assert "1.2 times the critical speed" in page.text or "above its critical speed" in page.text
     assert page.env.speed == 1.2 * vehicles["oversteer"].critical_speed

@@ -55,6 +55,7 @@ BAD = {
     "sensors": values({"noise": {"yawrate": 0.1}}, {"noise": {"yaw_rate": -1.0}}) + values(3, "noisy", error=TypeError),
     "telemetry": values(None, 0, 1, "yes", np.True_, error=TypeError),
     "render_mode": values("", "ansi", "Human") + values(3, True, error=TypeError),
+    "course": values("", "iso3888", "ISO3888-1") + values(None, 1, error=TypeError),
     "direction": values("", "up", "Left") + values(None, 1, -1.0, error=TypeError),
     "change_start": values(*NOT_FINITE, -0.001, 100.1) + values(*NO_NUMBERS, error=TypeError),
     "duration": POSITIVE,
@@ -159,15 +160,17 @@ def test_speed_and_speed_ratio_together(env_id):
 def test_a_speed_ratio_needs_a_critical_speed(env_id, name):
     with pytest.raises(ValueError, match=r"speed_ratio.*no critical speed.*give speed"):
         gym.make(env_id, vehicle=name, speed_ratio=0.9)
-    assert gym.make(env_id, vehicle=name).unwrapped.speed == DEFAULT_SPEED
+    env = gym.make(env_id, vehicle=name).unwrapped
+    assert env.speed == (env.task.usual_speed or DEFAULT_SPEED)
     assert gym.make(env_id, vehicle=name, speed=25.0).unwrapped.speed == 25.0
 
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_speed_from_its_ratio(env_id):
     critical = vehicles["oversteer"].critical_speed
-    assert gym.make(env_id).unwrapped.speed == 1.2 * critical
-    assert gym.make(env_id, speed_ratio=0.7).unwrapped.speed == 0.7 * critical
+    env = gym.make(env_id, vehicle="oversteer").unwrapped
+    assert env.speed == (env.task.usual_speed or 1.2 * critical)
+    assert gym.make(env_id, vehicle="oversteer", speed_ratio=0.7).unwrapped.speed == 0.7 * critical
     assert gym.make(env_id, vehicle=vehicles["me303"], speed_ratio=2).unwrapped.speed == (
         2.0 * vehicles["me303"].critical_speed
     )

@@ -20,6 +20,8 @@ import bicycle_env
 from bicycle_env import tires
 from bicycle_env.registration import ENVIRONMENTS
 
+FREE_ROAD = {"state": {"longitudinal_position": 1e4}}
+"""Far beyond whatever stands on the road."""
 MAX_STEPS = {row.id: row.max_episode_steps for row in ENVIRONMENTS}
 
 
@@ -228,9 +230,8 @@ def mirrored_starts(env, rng):
     state = random_state(env, rng)
     left = {"state": state}
     right = {"state": {name: value if name in EVEN_STATES else -value for name, value in state.items()}}
-    if hasattr(env.task, "direction"):
-        left |= {"direction": "left", "change_start": 0.3}
-        right |= {"direction": "right", "change_start": 0.3}
+    for options, side in ((left, "left"), (right, "right")):
+        options |= {name: {"direction": side, "change_start": 0.3}[name] for name in env.task.options}
     return left, right
 
 
@@ -329,7 +330,7 @@ def test_types_and_memory_of_what_comes_back(combination):
 @every
 def test_a_time_out_is_a_truncation_at_the_registered_step(combination):
     env = make(combination)
-    env.reset(seed=0, options={"state": {}})
+    env.reset(seed=0, options=FREE_ROAD)
     still = np.zeros(combination.axles, np.float32)
     for _ in range(MAX_STEPS[combination.id] - 1):
         assert env.step(still)[2:4] == (False, False)
@@ -341,7 +342,7 @@ def test_a_time_out_is_a_truncation_at_the_registered_step(combination):
 @pytest.mark.parametrize("env_id", MAX_STEPS)
 def test_the_class_itself_knows_no_time_limit(env_id):
     env = gym.make(env_id).unwrapped
-    env.reset(seed=0, options={"state": {}})
+    env.reset(seed=0, options=FREE_ROAD)
     ends = [env.step(np.zeros(2, np.float32))[2:4] for _ in range(MAX_STEPS[env_id] + 5)]
     assert set(ends) == {(False, False)}
 

@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from vector_cases import IDS, LANE_CHANGE, MODES, STAB, Alone, actions_for, drive, record, row_of
+from vector_cases import DOUBLE_LANE_CHANGE, IDS, LANE_CHANGE, MODES, STAB, Alone, actions_for, drive, record, row_of
 
 from bicycle_env.registration import ENVIRONMENTS
 
@@ -94,11 +94,13 @@ def _in_codes(env, results):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_same_step_tells_a_success(env_id):
-    """Only the row that ran straight for the last second; its last observation is where it was."""
+    """Not the row beside its goal, or before it; the last observation of each is where it was."""
     env = make(env_id, autoreset_mode="SameStep", max_episode_steps=60)
     state = {"lateral_position": np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])}
     if env_id == LANE_CHANGE:  # at the goal, long after the change
         state = {name: values + 3.5 for name, values in state.items()} | {"longitudinal_position": 900.0}
+    elif env_id == DOUBLE_LANE_CHANGE:
+        state = {"lateral_position": np.zeros(NUMBER), "longitudinal_position": 900.0 * (np.arange(NUMBER) != 1)}
     options = {"state": state} | ({"direction": "left"} if env_id == LANE_CHANGE else {})
     env.reset(seed=0, options=options)
     (_, _, terminated, truncated, info), count = until_ended(env, [0])

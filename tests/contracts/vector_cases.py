@@ -9,6 +9,7 @@ from bicycle_env.registration import ENVIRONMENTS
 
 IDS = [row.id for row in ENVIRONMENTS]
 STAB, LANE_CHANGE = "BicycleStab-v0", "BicycleLaneChange-v0"
+DOUBLE_LANE_CHANGE = "BicycleDoubleLaneChange-v0"
 FEW, MANY = 11, 190
 """Rows in short and in long blocks, the last block not full."""
 TIME_LIMIT = 60

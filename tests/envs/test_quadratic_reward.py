@@ -136,7 +136,7 @@ def test_no_running_step_costs_more_than_the_worst(env_id):
             if not second[2]:
                 assert -second[1] <= limit
                 largest = max(largest, -second[1])
-    assert largest > 0.2 * limit
+    assert largest > 0.15 * limit
 
 
 def test_the_horizon_decides_what_a_failure_costs():
@@ -191,6 +191,6 @@ def test_the_default_reward_by_hand(env_id):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_a_perfect_step_is_worth_one(env_id):
-    env = gym.make(env_id, **({"change_start": 50.0} if "Lane" in env_id else {}))
+    env = gym.make(env_id, **({"change_start": 50.0} if env_id == "BicycleLaneChange-v0" else {}))
     env.reset(options={"state": {}})
     assert env.step(np.zeros(2, np.float32))[1] == 1.0

@@ -10,7 +10,20 @@ import pytest
 import torch
 from combinations import only_all, pairwise
 from torch._subclasses.fake_tensor import DataDependentOutputException, FakeTensorMode
-from torch_cases import CARS, IDS, LANE, MODES, STAB, STILL, assert_near, quick, random_actions, random_states, zeros
+from torch_cases import (
+    CARS,
+    IDS,
+    LANE,
+    MODES,
+    STAB,
+    STILL,
+    assert_near,
+    known,
+    quick,
+    random_actions,
+    random_states,
+    zeros,
+)
 
 from bicycle_env import Actuator, tires
 from bicycle_env.envs import TorchVectorEnv
@@ -83,7 +96,7 @@ gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 def test_a_gpu_drives_the_same(env_id, tire, geometry, reward):
     """Five steps from states up to those that end an episode, the gradient of all rewards included."""
     cars = {"tire": tire, "geometry": geometry, "reward": reward, "friction": np.linspace(0.4, 1.0, CARS)}
-    route = {"direction": "left", "change_start": 0.5} if env_id == LANE else {}
+    route = known(env_id, direction="left", change_start=0.5)
     seen = {}
     for device in ("cpu", "cuda"):
         envs = TorchVectorEnv(env_id, CARS, device=device, autoreset_mode="Disabled", **cars)
@@ -126,7 +139,7 @@ def test_compiled_cars_on_a_gpu_drive_as_on_the_host(env_id):
     for device, compile in (("cpu", False), ("cuda", True)):
         envs = TorchVectorEnv(env_id, CARS, device=device, autoreset_mode="Disabled", compile=compile)
         with torch.no_grad():
-            envs.reset(options={"state": random_states(), **({"direction": "left"} if env_id == LANE else {})})
+            envs.reset(options={"state": random_states(), **known(env_id, direction="left", change_start=0.0)})
             envs.set_state({"change_start": 0.5} if env_id == LANE else {})
             steps = [envs.step(torch.from_numpy(random_actions()).to(device)) for _ in range(3)]
         seen[device] = [torch.stack([step[place].cpu() for step in steps]) for place in (1, 2)]
@@ -143,8 +156,7 @@ def test_the_reward_has_the_gradient_of_its_finite_differences(env_id, reward):
     """Through two steps, so through the state, too; small states, far from where clips and limits have corners."""
     states = {name: 0.05 * column[:2] for name, column in random_states().items()}
     states |= dict.fromkeys(("front_steer_command", "rear_steer_command"), 0.0)
-    if env_id == LANE:
-        states |= {"direction": 1.0, "change_start": -20.0}
+    states |= known(env_id, direction=1.0, change_start=-20.0)
     envs = TorchVectorEnv(env_id, 2, reward=reward, rear_actuator=Actuator(angle_limit=0.05))
     envs.reset(seed=0)
 

@@ -15,6 +15,7 @@ from torch_cases import (
     STILL,
     assert_near,
     assert_same_bits,
+    known,
     quick,
     random_actions,
     random_states,
@@ -53,9 +54,7 @@ def test_a_step_equals_the_single_environments(env_id, steer, tire, geometry, re
     sides, begins = np.tile([1.0, -1.0], CARS // 2), np.linspace(0.0, 3.0, CARS)
 
     def changes(row):
-        return (
-            {"direction": "left" if sides[row] > 0 else "right", "change_start": begins[row]} if env_id == LANE else {}
-        )
+        return known(env_id, direction="left" if sides[row] > 0 else "right", change_start=begins[row])
 
     before, (observation, reward_of, terminated, end, cost), after = in_single_env(
         env_id, states, actions, changes, **keywords
@@ -64,7 +63,7 @@ def test_a_step_equals_the_single_environments(env_id, steer, tire, geometry, re
 
     envs = TorchVectorEnv(env_id, CARS, autoreset_mode="Disabled", **keywords)
     envs.reset(seed=0)
-    route = {"direction": sides, "change_start": begins * envs.speed} if env_id == LANE else {}
+    route = known(env_id, direction=sides, change_start=begins * envs.speed)
     seen, _ = envs.set_state({**states, "time": 0.0, **route})
     np.testing.assert_allclose(seen.numpy(), before, rtol=3e-7, atol=1e-9)
     seen, rewards, ended, timed_out, info = envs.step(torch.from_numpy(actions))
@@ -125,9 +124,7 @@ def test_mirror_images_are_exact(env_id):
     envs.reset(seed=0)
     state = {name: np.concatenate([column, -column]) for name, column in random_states().items()}
     state["longitudinal_position"] = abs(state["longitudinal_position"])
-    if env_id == LANE:
-        state |= {"direction": np.repeat([1.0, -1.0], CARS), "change_start": 30.0}
-    envs.set_state(state)
+    envs.set_state({**state, **known(env_id, direction=np.repeat([1.0, -1.0], CARS), change_start=30.0)})
     actions = torch.from_numpy(random_actions())
     for _ in range(3):
         observation, reward, *_ = envs.step(torch.cat([actions, -actions]))
@@ -164,7 +161,7 @@ def test_float32_is_close_and_stays_float32(env_id):
     results = []
     for dtype in ("float64", "float32"):
         envs = TorchVectorEnv(env_id, CARS, dtype=dtype, autoreset_mode="Disabled", telemetry=True)
-        envs.reset(options={"state": states, **({"direction": "left", "change_start": 1.0} if env_id == LANE else {})})
+        envs.reset(options={"state": states, **known(env_id, direction="left", change_start=1.0)})
         results.append((envs.step(actions), envs.state))
     (exact, exact_state), (single, single_state) = results
     inexact = [value for value in (*single_state, single[1], *single[4].values()) if value.is_floating_point()]
@@ -184,7 +181,7 @@ def test_each_car_has_its_own_values(env_id):
     speeds, friction = [40.0, 20.0, 45.0, 30.0], torch.tensor([1.0, 0.5, 0.75, 0.25])
     states, actions = {name: column[:4] / 3.0 for name, column in random_states().items()}, random_actions(4)
     envs = TorchVectorEnv(env_id, 4, vehicle=names, speed=speeds, friction=friction, autoreset_mode="Disabled")
-    options = {"direction": "right", "change_start": 1.0} if env_id == LANE else {}
+    options = known(env_id, direction="right", change_start=1.0)
     seen, _ = envs.reset(options={"state": states, **options})
     _, reward, *_ = envs.step(torch.from_numpy(actions))
     for row in range(4):
@@ -212,8 +209,10 @@ def test_starts_are_drawn_in_each_cars_own_speed():
 def test_starts_are_the_tasks_law_of_torchs_own_numbers(env_id):
     envs = TorchVectorEnv(env_id, 5)
     envs.reset(seed=21)
-    uniforms = torch.rand((4, 5), generator=torch.Generator().manual_seed(21), dtype=torch.float64).numpy()
     single = gym.make(env_id).unwrapped
+    uniforms = torch.rand(
+        (single.task.uniforms, 5), generator=torch.Generator().manual_seed(21), dtype=torch.float64
+    ).numpy()
     for row in range(5):
         world = World(single.configuration.car, single.rules, single.configuration.settings)
         state, route = single.task.start(NUMPY)(uniforms[:, row], world)

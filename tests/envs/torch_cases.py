@@ -10,6 +10,7 @@ torch.set_num_threads(1)
 
 STAB, LANE = "BicycleStab-v0", "BicycleLaneChange-v0"
 IDS = [row.id for row in ENVIRONMENTS]
+OPTIONS = {LANE: ("direction", "change_start"), "BicycleDoubleLaneChange-v0": ("direction",)}
 MODES = ("SameStep", "NextStep", "Disabled")
 CARS = 40
 BEYOND = {
@@ -25,6 +26,11 @@ BEYOND = {
 }
 """Half-widths of the widest states, beyond every limit."""
 STILL = dict.fromkeys(BEYOND, 0.0)
+
+
+def known(env_id, **options):
+    """Those of some options, or numbers of the task's state, that the task has."""
+    return {name: options[name] for name in OPTIONS.get(env_id, ())}
 
 
 def quick(num_envs=4, env_id=STAB, **keywords):
