@@ -29,6 +29,12 @@ ENVIRONMENTS = (
         "bicycle_env.envs.bicycle_lane_change:BicycleLaneChangeVectorEnv",
         300,
     ),
+    Row(
+        "BicycleActiveSteer-v0",
+        "bicycle_env.envs.bicycle_active_steer:BicycleActiveSteerEnv",
+        "bicycle_env.envs.bicycle_active_steer:BicycleActiveSteerVectorEnv",
+        300,
+    ),
 )
 
 

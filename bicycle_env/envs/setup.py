@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from bicycle_env.physics.actuators import FRONT, REAR, Actuator
@@ -48,17 +49,22 @@ ADDED = ("randomise", "disturbances", "driver", "action_delay", "observation_del
 """Those that are added to a task: the arguments of ``tasks.options.altered``."""
 
 
-def taken_from(keywords: dict[str, Any]) -> Setup:
-    """The setup of some keywords; they are taken out, and what is left is the task's."""
-    return Setup(**{name: keywords.pop(name) for name in NAMES if name in keywords})
+def taken_from(keywords: dict[str, Any], defaults: Mapping[str, Any]) -> Setup:
+    """The setup of some keywords; they are taken out, and what is left is the task's, which has these `defaults`."""
+    return Setup(**{**defaults, **{name: keywords.pop(name) for name in NAMES if name in keywords}})
 
 
-def shown_in(init: Any) -> Any:
+def shown_in(init: Any, defaults: Mapping[str, Any] = MappingProxyType({})) -> Any:
     """Let an ``__init__(self, *, ..., **keywords)`` show the fields of Setup in its signature, before its own."""
     own = list(inspect.signature(init).parameters.values())
     fields = [
-        inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=field.type)
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=defaults.get(field.name, field.default),
+            annotation=field.type,
+        )
         for field in dataclasses.fields(Setup)
     ]
-    init.__signature__ = inspect.Signature([own[0], *fields, *own[1:]])
+    init.__signature__ = inspect.Signature([own[0], *fields, *(each for each in own[1:] if each.name not in NAMES)])
     return init

@@ -12,11 +12,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from bicycle_env.physics.car import CarState
+from bicycle_env.physics.model import Model
 from bicycle_env.physics.records import joined, part, record_of
 from bicycle_env.tasks.ends import Limits, Tolerances
 from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.metrics import Metric
-from bicycle_env.tasks.task import Allowed, Entry, Law, Task
+from bicycle_env.tasks.task import Allowed, Entry, History, Law, Task
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,6 +115,14 @@ class AlteredTask(Task):
         return self.task.uniform_corridor
 
     @property
+    def defaults(self) -> Mapping[str, Any]:  # type: ignore[override]
+        return self.task.defaults
+
+    @property
+    def companions(self) -> tuple[str, ...]:
+        return self.task.companions
+
+    @property
     def flipped(self) -> tuple[str, ...] | None:  # type: ignore[override]
         inner = self.task.flipped
         return None if inner is None else (*inner, *self.kept_flipped)
@@ -137,6 +146,10 @@ class AlteredTask(Task):
     @property
     def metrics(self) -> tuple[Metric, ...]:
         return self.task.metrics
+
+    @property
+    def histories(self) -> tuple[History, ...]:
+        return self.task.histories
 
     @property
     def told(self) -> tuple[str, ...]:
@@ -204,6 +217,9 @@ class AlteredTask(Task):
 
     def conditions(self, xp: Any) -> Law | None:
         return self.task.conditions(xp)
+
+    def accompany(self, xp: Any, model: Model) -> Law | None:
+        return self.task.accompany(xp, model)
 
     def end(self, xp: Any) -> Law:
         return self.task.end(xp)

@@ -35,6 +35,8 @@ def altered(
     at_the_wheel, measured_by = drivers.resolve(driver), sensing.resolve(sensors)
     late_actions = whole("action_delay", action_delay, 0, MOST_DELAY)
     late_observations = whole("observation_delay", observation_delay, 0, MOST_DELAY)
+    if at_the_wheel is not None:
+        task = task.undriven
     if late_actions:
         task = LateActions(task, late_actions)
     if at_the_wheel is not None:

@@ -398,7 +398,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     def _info(self, end: Any, cost: Any, rows: Any = None) -> dict[str, Any]:
         info = {"end": end, "cost": cost, **{name: self._rows.column(name) for name in self.task.told}}
         if self.telemetry:
-            info |= telemetry(self.state, self.measure(), self._rows.cars(self.fleet)[0])
+            info |= telemetry(self.state, self.measure())
         if self.telemetry or rows is not None:  # a row that has begun its next episode cannot be asked any more
             info["is_success"] = self._settled & (end == 0)
         here = self._everyone.copy() if rows is None else rows.copy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import math
 from collections.abc import Mapping
@@ -67,7 +68,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     @shown_in
     def __init__(self, *, telemetry: bool = False, render_mode: str | None = None, **task_keywords: Any) -> None:
-        setup = taken_from(task_keywords)
+        setup = taken_from(task_keywords, self.default_task.defaults)
         self._fleet = configure_alike(Origin(make_task(type(self), task_keywords), setup, None))
         configuration = self._fleet.configuration
         self._adopt(configuration)
@@ -92,6 +93,17 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._limit: float = math.inf
         self._viewer: Any = None
         self._bind()
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        """A task with other defaults shows them in the signature."""
+        super().__init_subclass__(**keywords)
+        defaults = getattr(cls, "default_task", Task).defaults
+        if defaults:
+
+            def init(self: Any, **given: Any) -> None:
+                super(cls, self).__init__(**given)
+
+            cls.__init__ = shown_in(functools.wraps(cls.__init__)(init), defaults)  # type: ignore[method-assign]
 
     def _bind(self) -> None:
         self._kernels = kernels.kernels(self._kind, self.reward)
@@ -304,7 +316,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             state = self.state
             info |= {name: getattr(state, name) for name in self.task.told}
         if self.telemetry:
-            info |= telemetry(self.state, self.measure(), self._car)
+            info |= telemetry(self.state, self.measure())
             info["is_success"] = self.is_success
         return info
 
