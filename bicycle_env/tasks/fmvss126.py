@@ -118,12 +118,9 @@ def _fmvss(run: Run) -> float:
     """1 where the figures of the standard are met to the letter, else 0."""
     first, second = _yaw_rate_ratio(FIRST_TIME)(run), _yaw_rate_ratio(SECOND_TIME)(run)
     displacement = _displacement(run)
-    return float(
-        None not in (first, second, displacement)
-        and first <= FIRST_RATIO
-        and second <= SECOND_RATIO
-        and displacement >= LEAST_DISPLACEMENT
-    )
+    if first is None or second is None or displacement is None:
+        return 0.0
+    return float(first <= FIRST_RATIO and second <= SECOND_RATIO and displacement >= LEAST_DISPLACEMENT)
 
 
 METRICS = (

@@ -1,4 +1,4 @@
-"""The same car with straight rear wheels, steered by the driver alone: it drives beside the car, in the task's state."""
+"""The same car with straight rear wheels, steered by the driver alone: it goes beside the car, in the task's state."""
 
 from __future__ import annotations
 

@@ -375,7 +375,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         info = {"end": episodes.end.clone(), "cost": cost, "is_success": self._success(episodes)}
         info |= {name: getattr(episodes.episode.task_state, name).clone() for name in self.task.told}
         if self.telemetry:
-            info = {**telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.world.car), **info}
+            info = {**telemetry_of(episodes.state, self._kernels.measure(episodes)), **info}
         return observation, info
 
     def _with_state(self, episodes: Episodes, values: Mapping[str, Tensor]) -> Episodes:
