@@ -14,9 +14,9 @@ class BicycleActiveSteerEnv(SingleTrackEnv):
     saturating tires. Someone else has the steering wheel: 0.5 s after the start the front wheels begin a sine with
     dwell, the manoeuvre of FMVSS 126, first to the left or to the right; one period, held for a while at its second
     peak. With straight rear wheels the car spins or goes on turning. The action steers the rear wheels, so that the car
-    goes where it was sent and its yaw rate dies out when the driver is through. Speed, friction and the driver's amplitude are drawn anew for each
-    episode; friction and amplitude are hidden. Speeds are relative to the nominal one, which is 1.2 times the critical speed
-    unless given: by default all episodes are above the critical speed.
+    goes where it was sent and its yaw rate dies out when the driver is through. Speed, friction and the driver's
+    amplitude are drawn anew for each episode; friction and amplitude are hidden. Speeds are relative to the nominal
+    one, which is 1.2 times the critical speed unless given: by default all episodes are above the critical speed.
     Left out: braking and driving, load transfer, roll, pitch, combined slip.
 
     ## Action space
@@ -50,14 +50,14 @@ class BicycleActiveSteerEnv(SingleTrackEnv):
     | 9 | driver_finished |  | 1 | 1 |
 
     The lateral acceleration is the mean over the last control step. The driver's command is the one of the step that
-    comes, speed the true one (its scale the nominal one), front_correction and rear_steer_command are the last action; peak_yaw_rate and driver_finished
-    are what the success is judged by. `history=6` shows the latest six observations, `sensors=` makes them noisy:
-    `{"noise": {"lateral_acceleration": 0.2, "yaw_rate": 0.01}}`.
+    comes, speed the true one (its scale the nominal one), front_correction and rear_steer_command are the last action;
+    by peak_yaw_rate, and from driver_finished on, success is judged. `history=6` shows the latest six observations,
+    `sensors=` makes them noisy: `{"noise": {"lateral_acceleration": 0.2, "yaw_rate": 0.01}}`.
 
     ## Reward
 
-    `reward="default"`: 0.1 / (1 + c), with the yaw rate r, the sideslip beta, the action's change du, and `after` rising from 0 to 1 in
-    the 0.5 s after the driver:
+    `reward="default"`: 0.1 / (1 + c), with the yaw rate r, the sideslip beta, the action's change du, and `after`
+    rising from 0 to 1 in the 0.5 s after the driver:
 
         c = 30.0 (r - r_ref)^2 + 60.0 max(0, |beta| - 0.05)^2 + 0.05 |du|^2 + after 100.0 (r^2 + beta^2)
         r_ref = (U / L) d / (1 + 0.0015 U^2), within +-0.85 friction g / U
@@ -83,8 +83,8 @@ class BicycleActiveSteerEnv(SingleTrackEnv):
 
     Truncated after 300 steps (6 s). `env.unwrapped.is_success` is then True if
 
-    - |yaw rate| was at most 0.35 of its peak at the control step 1.0 s after the driver had finished, and at most 0.2 of
-      it from 1.75 s after it to the end. The peak is the largest |yaw rate| since 0.375 periods after the
+    - |yaw rate| was at most 0.35 of its peak at the control step 1.0 s after the driver had finished, and at most 0.2
+      of it from 1.75 s after it to the end. The peak is the largest |yaw rate| since 0.375 periods after the
       beginning, and counts at least 0.2 rad/s: the bare ratios would reward a large peak;
     - the displacement to the driver's side 1.07 s after the beginning was at least 0.8 of the one that the same car has
       with straight rear wheels (`env.unwrapped.state.twin_lateral_position`), where that is positive.
@@ -136,8 +136,9 @@ class BicycleActiveSteerEnv(SingleTrackEnv):
     | observed | `"measured"` | `"measured"`, or `"state"` for sideslip, too |
 
     With `driver=` that driver takes the place of the sine with dwell, and there is no success.
-    `reset(options={"state": {...}, "direction": "left", "relative_speed": 0.9, "relative_friction": 0.6, "amplitude": 0.05,
-    "frequency": 0.7, "dwell": 0.5})`: what is not given is drawn; of many cars, one value or one for each.
+    `reset(options={"state": {...}, "direction": "left", "relative_speed": 0.9, "relative_friction": 0.6,
+    "amplitude": 0.05, "frequency": 0.7, "dwell": 0.5})`: what is not given is drawn; of many cars, one value or one
+    for each.
 
     ## Version history
 

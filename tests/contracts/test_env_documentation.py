@@ -296,8 +296,8 @@ def test_the_tolerances_of_the_lane_change(lane_change):
 def test_the_numbers_of_the_active_steer(active_steer):
     env, rules = active_steer.env, active_steer.env.reward
     active_steer.has(
-        f"c = {rules.yaw_rate_weight} (r - r_ref)^2 + {rules.sideslip_weight} max(0, |beta| - {rules.free_sideslip})^2 + "
-        f"{rules.smoothness_weight} |du|^2 + after {rules.settling_weight} (r^2 + beta^2)"
+        f"c = {rules.yaw_rate_weight} (r - r_ref)^2 + {rules.sideslip_weight} max(0, |beta| - {rules.free_sideslip})^2 "
+        f"+ {rules.smoothness_weight} |du|^2 + after {rules.settling_weight} (r^2 + beta^2)"
     )
     active_steer.has(
         f"r_ref = (U / L) d / (1 + {steadiness.UNDERSTEER} U^2), within +-{steadiness.GRIP_SHARE} friction g / U"
