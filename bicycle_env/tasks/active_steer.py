@@ -296,7 +296,7 @@ class ActiveSteer(Task):
             most, one = car.front_angle_limit, 1.0 + 0.0 * peak
             faster = state.lateral_velocity - own.lateral_velocity_before
             felt = xp.multiply_add(own.speed, state.heading - own.heading_before, faster) / step
-            return changed(
+            after: Manoeuvre = changed(
                 own,
                 xp.maximum(xp.minimum(wanted, most), -most),
                 action[0] * most,
@@ -307,6 +307,7 @@ class ActiveSteer(Task):
                 state.lateral_velocity,
                 state.heading,
             )
+            return after
 
         return remember
 

@@ -97,9 +97,12 @@ class LateObservations(AlteredTask):
 
     def refill(self, xp: Any) -> Law:
         observe, size = self.task.observe(xp), len(self._entries)
+        refilled = self.task.refilled(xp)
         fill = composed(xp, self.Kept, [f"values[{j % size}]" for j in range(len(self.kept))], "values")
 
         def refill(state: CarState, episode: EpisodeState, world: World) -> Any:
+            if refilled is not None:
+                episode = episode._replace(task_state=refilled(state, episode, world))
             return fill(observe(state, episode, world))
 
         return refill
