@@ -27,6 +27,8 @@ SIGNALS = ("yaw_rate", "sideslip", "front_steer", "driver_command", "reference_y
 """What a gain is for; rad, and rad/s with gains in s."""
 PHASES = ("first half", "second half", "after")
 """Of the driver's manoeuvre; before it, the first."""
+LEAST_SPEED = 1.0
+"""m/s."""
 FORGETTING = 3.0
 """s in which the observer forgets: what it integrates drifts."""
 
@@ -63,6 +65,7 @@ class RearSteering(Policy):
             )
         if plant.steer == "front":
             raise ValueError(f"steer must be 'rear' or 'both' for {self.name!r}, got 'front'")
+        self.model = plant.linear_model(quasi_static=True)
         self.gains = np.array(shipped_gains()[self.name] if gains is None else gains, dtype=np.float64)
         if self.gains.shape != (self.parameters,):
             raise ValueError(f"gains must be {self.parameters} numbers, got shape {self.gains.shape}")
@@ -85,6 +88,7 @@ class RearSteering(Policy):
     def act(self, observation: Array) -> NDArray[np.float32]:
         cars = np.atleast_2d(np.asarray(observation, np.float64)) * self._scale
         seen = SimpleNamespace(**{name: cars[:, place] for name, place in self._places.items()})
+        seen.speed = np.maximum(seen.speed, LEAST_SPEED)
         remembered = self._remembered.of(len(cars))
         phase = self._phase(remembered, seen)
         signals = np.stack([seen.yaw_rate, self._sideslip(remembered, seen), *self._known(seen)], axis=1)

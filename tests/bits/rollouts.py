@@ -25,8 +25,8 @@ FILE = Path(__file__).parent / "hashes.json"
 STAB, LANE_CHANGE, ACTIVE = "BicycleStab-v0", "BicycleLaneChange-v0", "BicycleActiveSteer-v0"
 CARS, STEPS, TIME_LIMIT, SEED = 4, 400, 60, 20
 BLOCKS = (4, 8, 64)
-OWN_LIMIT = {ACTIVE: 300}
-"""Its judgement comes late."""
+OWN_LIMIT = {ACTIVE: 100}
+"""Beyond the twin's judgement."""
 
 
 class Rollout(NamedTuple):

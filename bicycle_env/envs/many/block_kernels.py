@@ -122,22 +122,6 @@ def car_functions(kind: Kind) -> CarFunctions:
     return CarFunctions(*(xp.function(law) for law in (begin, cost, is_over, observe, preview)))
 
 
-def _companions(kind: Kind, accompany: Any) -> Any:
-    """``beside(block, k, shared, elapsed)``: a substep of what moves beside car k, if the task has it."""
-
-    def nothing(block: Any, k: Any, shared: Any, elapsed: Any) -> None:
-        pass
-
-    def beside(block: Any, k: Any, shared: Any, elapsed: Any) -> None:
-        mine, state, episode = access.world(block, k, shared), access.state(block, k), access.episode(block, k)
-        access.keep_task_state(block, k, law(state, episode, elapsed, mine))
-
-    if accompany is None:
-        return kind.xp.function(nothing)
-    access, law = blocks.access(kind), kind.xp.function(accompany)
-    return kind.xp.function(beside)
-
-
 @functools.cache
 def _step(kind: Kind, reward: Reward) -> Any:
     xp, length, entries, access, place = kind.xp, kind.length, kind.entries, blocks.access(kind), shared_layout(kind)
@@ -145,7 +129,7 @@ def _step(kind: Kind, reward: Reward) -> Any:
     block_size, uniforms = block_columns * length, task.uniforms
     made = parts(xp, task, kind.model, reward)
     begin, advance, finish = (xp.function(law) for law in made[:3])
-    beside, keep_after = _companions(kind, made.accompany), blocks.keeper(kind)
+    beside, keep_after = blocks.companions(kind, made.accompany), blocks.keeper(kind)
     limit_at, times, shared_size = place.step_limit, place.times, place.whole
 
     # The scratch: a block, and after it what one step needs of each car.
