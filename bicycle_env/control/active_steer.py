@@ -82,6 +82,10 @@ class RearSteering(Policy):
     def matrix(self, gains: Matrix) -> Matrix:
         """(3, 5): by phase and signal."""
 
+    def vary(self, gains: Matrix) -> None:
+        """Let each car have gains of its own, (cars, parameters), as a search over them wants it."""
+        self._matrix = np.array([self.matrix(row) for row in gains])
+
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         self._remembered.reset(rows)
 
@@ -92,7 +96,8 @@ class RearSteering(Policy):
         remembered = self._remembered.of(len(cars))
         phase = self._phase(remembered, seen)
         signals = np.stack([seen.yaw_rate, self._sideslip(remembered, seen), *self._known(seen)], axis=1)
-        rear = np.einsum("cs,cs->c", self._matrix[phase], signals)
+        matrix = self._matrix[phase] if self._matrix.ndim == 2 else self._matrix[np.arange(len(cars)), phase]
+        rear = np.einsum("cs,cs->c", matrix, signals)
         action = np.zeros((len(cars), self._axles), np.float32)
         action[:, -1] = np.clip(rear / self._limit, -1.0, 1.0)
         return action.reshape(*np.shape(observation)[:-1], self._axles)

@@ -25,6 +25,8 @@ Shape = tuple[Point, ...]
 
 BEHIND = 0.30
 """Part of the picture's width that lies behind the car."""
+AREA = 12.0
+"""A corridor wider to each side than this, m, is an area: the picture shows so much of it on both sides of the car."""
 GRIP_ARROW = 2.4
 """Length of a force arrow at friction x static axle load, m."""
 LONGEST_ARROW = 2.0
@@ -119,29 +121,29 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
         trail: earlier places of the centre of mass, oldest first, m.
     """
     vehicle = setup.vehicle
-    middle, edge = measured["reference_road_centre"], measured["reference_road_half_width"]
+    centre, edge = measured["reference_road_centre"], measured["reference_road_half_width"]
     # The centre of mass may come half a body beyond the edge, and then the car may stand across the road.
     half_body = 0.5 * vehicle.body_width
     beyond = half_body + math.hypot(max(vehicle.front_extent, vehicle.rear_extent), half_body)
-    half_height = edge + beyond
     x, y = state.longitudinal_position, state.lateral_position
+    middle, half_height = (centre, edge + beyond) if edge <= AREA else (y, AREA)
     left, right = _borders(x, half_height * setup.aspect)
     edges = _edges(setup, state, left, right)
-    if edges is not None:  # all of the corridor that is in sight is in the picture
+    if edges is not None and edge <= AREA:  # all of the corridor that is in sight is in the picture
         lowest, highest = float(np.min(edges.right)), float(np.max(edges.left))
         middle, half_height = 0.5 * (lowest + highest), 0.5 * (highest - lowest) + beyond
         left, right = _borders(x, half_height * setup.aspect)
     width = right - left
     goal = measured["reference_goal"]
-    changes_lane = goal != middle
-    side = 1.0 if goal > middle else -1.0
+    changes_lane = goal != centre
+    side = 1.0 if goal > centre else -1.0
     frame = _Frame(x, y, state.heading)
     front = (vehicle.cg_to_front, vehicle.front_half_track, state.front_steer)
     rear = (-vehicle.cg_to_rear, vehicle.rear_half_track, state.rear_steer)
 
     def across(begin: float, end: float, inner: float, outer: float) -> tuple[Shape, Shape]:
-        return rectangle(begin, end, middle + inner, middle + outer), rectangle(
-            begin, end, middle - inner, middle - outer
+        return rectangle(begin, end, centre + inner, centre + outer), rectangle(
+            begin, end, centre - inner, centre - outer
         )
 
     return Scene(
@@ -160,13 +162,13 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
         )
         if edges is None
         else (),
-        corridor=rectangle(left, right, middle - edge, middle + edge) if edges is None else edges.outline,
-        target_lane=rectangle(left, right, middle, middle + side * edge) if changes_lane else (),
+        corridor=rectangle(left, right, centre - edge, centre + edge) if edges is None else edges.outline,
+        target_lane=rectangle(left, right, centre, centre + side * edge) if changes_lane else (),
         road_edges=across(left, right, edge - 0.5 * LINE_WIDTH, edge + 0.5 * LINE_WIDTH)
         if edges is None
         else edges.lines,
         lane_dashes=tuple(
-            rectangle(begin, begin + DASH, middle - 0.5 * LINE_WIDTH, middle + 0.5 * LINE_WIDTH)
+            rectangle(begin, begin + DASH, centre - 0.5 * LINE_WIDTH, centre + 0.5 * LINE_WIDTH)
             for begin in _anchored(left, right, DASH_PERIOD, DASH)
         )
         if changes_lane

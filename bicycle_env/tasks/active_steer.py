@@ -170,10 +170,10 @@ class ActiveSteer(Task):
     @property
     def histories(self) -> tuple[History, ...]:
         return (
-            History("front_steer", "what the driver wants", lambda own, time, car: own.driver_command),
+            History("front_steer", "driver", lambda own, time, car: own.driver_command),
             History("yaw_rate", "reference", lambda own, time, car: reference_yaw_rate(NUMPY)(own, car)),
-            History("yaw_rate", "allowed after the driver", lambda own, time, car: asked_yaw_rate(own, time)),
-            History("yaw_rate", "", lambda own, time, car: -asked_yaw_rate(own, time)),
+            History("yaw_rate", "allowed", lambda own, time, car: asked_yaw_rate(own, time), "-."),
+            History("yaw_rate", "", lambda own, time, car: -asked_yaw_rate(own, time), "-."),
         )
 
     def settings(self, speed: float) -> Any:

@@ -46,6 +46,8 @@ class History(NamedTuple):
     """For the legend; "" for none."""
     law: Callable[[Any, Any, Any], Any]
     """``law(task_state, time, car)``, of arrays; nan where there is nothing to draw."""
+    line: str = ":"
+    """matplotlib's style."""
 
 
 Allowed = Mapping[str, float] | tuple[float, float]

@@ -139,7 +139,7 @@ def test_the_state_is_a_named_tuple_of_floats(env_id):
         "rear_steer_command",
         "time",
     )
-    route = ("direction", "change_start") if "Lane" in env_id else ()
+    route = ("direction", "change_start") if "Lane" in env_id else env.task.TaskState._fields
     for k in range(10):
         state = env.state
         assert isinstance(state, tuple)
