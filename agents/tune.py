@@ -4,9 +4,9 @@
     python -m agents.evaluate --env-keywords '{"friction": 0.4}' --policy runs/icy.json lqr
     python -m agents.tune --env-id BicycleActiveSteer-v0 --controller rear-switched --out runs/switched.json
 
-The cross-entropy method over the logarithms of the LQR's weights (bicycle_env.optimum.tune_weights), or over the gains of
-a rear-steer law (tune_gains), several times from random places, thousands of cars at once. The score is the success rate
-plus the mean reward per step. Candidates are scored on starts of their own, and the best is chosen on others; no
+The cross-entropy method over the logarithms of the LQR's weights (bicycle_env.optimum.tune_weights), or over the gains
+of a rear-steer law (tune_gains), several times from random places, thousands of cars at once. The score is the success
+rate plus the mean reward per step. Candidates are scored on starts of their own, and the best is chosen on others; no
 evaluation uses either.
 """
 

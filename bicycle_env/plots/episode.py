@@ -113,7 +113,7 @@ def _draw_run(axes: Any, run: Columns, label: str, drawing: LineStyle, over: boo
 
 def _draw_histories(axes: Any, plant: Any, driven: list[Columns]) -> list[Any]:
     """What the task wants of the car's quantities; the handles of the first run."""
-    handles = []
+    handles: list[Any] = []
     for k, run in enumerate(driven):
         if not all(name in run for name in plant.task.TaskState._fields):
             continue
