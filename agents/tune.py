@@ -1,11 +1,13 @@
-"""Tune the LQR's weights for an environment, so that what it is compared with is a good regulator and not a straw man.
+"""Tune a controller for an environment, so that what a learner is compared with is a good regulator and no straw man.
 
     python -m agents.tune --env-id BicycleStab-v0 --env-keywords '{"friction": 0.4}' --out runs/icy.json
     python -m agents.evaluate --env-keywords '{"friction": 0.4}' --policy runs/icy.json lqr
+    python -m agents.tune --env-id BicycleActiveSteer-v0 --controller rear-switched --out runs/switched.json
 
-The cross-entropy method over the logarithms of the weights, several times from random places, thousands of cars at once
-(bicycle_env.optimum.tune_weights). The score is the success rate plus the mean reward per step. Candidates are scored
-on starts of their own, and the best is chosen on others; no evaluation uses either.
+The cross-entropy method over the logarithms of the LQR's weights (bicycle_env.optimum.tune_weights), or over the gains
+of a rear-steer law (tune_gains), several times from random places, thousands of cars at once. The score is the success
+rate plus the mean reward per step. Candidates are scored on starts of their own, and the best is chosen on others; no
+evaluation uses either.
 """
 
 from __future__ import annotations
@@ -29,20 +31,23 @@ from bicycle_env import optimum, provenance
 from bicycle_env.files import write_json
 
 TUNING_STARTS, SELECTION_STARTS = 128, 1000
+LAW_ITERATIONS = 40
 
 
 @dataclass
 class Args:
-    """Find weights for the LQR in one environment."""
+    """Find weights for the LQR, or gains for another controller, in one environment."""
 
     env_id: str = "BicycleStab-v0"
     """Environment id."""
     env_keywords: str = "{}"
     """Keywords of the environment as JSON, for example '{"speed_ratio": 1.3, "steer": "rear"}'."""
+    controller: str = "lqr"
+    """"lqr", or a rear-steer law of BicycleActiveSteer-v0."""
     restarts: int = 5
     """How often the search begins anew, from other random weights."""
-    iterations: int = 10
-    """Of each."""
+    iterations: int | None = None
+    """Of each; by default 10, of a rear-steer law 40."""
     seed: int = 0
     """Of the search and of its starts."""
     out: Path | None = None
@@ -69,6 +74,27 @@ def tune(
         raise UserError(str(error)) from None
 
 
+def tune_law(
+    env_id: str, keywords: dict[str, Any], controller: str, seed: int, bar: Progress, *, restarts: int, iterations: int
+) -> optimum.GainTuning:
+    """The gains of a rear-steer law, likewise."""
+    job = bar.add_task(f"tuning {controller}", total=restarts * iterations)
+    try:
+        return optimum.tune_gains(
+            env_id,
+            keywords,
+            controller,
+            start_seeds(TUNING_STARTS, seed, "tune"),
+            start_seeds(SELECTION_STARTS, seed, "select"),
+            restarts=restarts,
+            iterations=iterations,
+            seed=seed,
+            progress=lambda done, _: bar.update(job, completed=done),
+        )
+    except ValueError as error:
+        raise UserError(str(error)) from None
+
+
 def record(tuning: optimum.Tuning) -> dict[str, Any]:
     """What a results file says about a tuning; "weights" are the best."""
     rates = [candidate.success_rate for candidate in tuning.restarts]
@@ -79,6 +105,22 @@ def record(tuning: optimum.Tuning) -> dict[str, Any]:
         "on_selection_starts": {
             **{name: _figures(candidate) for name, candidate in _named(tuning).items()},
             "restarts": [_figures(candidate) for candidate in tuning.restarts],
+            "success_rate_of_restarts": [min(rates), max(rates)],
+        },
+    }
+
+
+def law_record(controller: str, tuning: optimum.GainTuning) -> dict[str, Any]:
+    """The same about gains."""
+    rates = [candidate.success_rate for candidate in tuning.restarts]
+    return {
+        "controller": controller,
+        "gains": list(tuning.best.gains),
+        "tuning_starts": TUNING_STARTS,
+        "selection_starts": SELECTION_STARTS,
+        "on_selection_starts": {
+            "best": tuning.best._asdict(),
+            "restarts": [candidate._asdict() for candidate in tuning.restarts],
             "success_rate_of_restarts": [min(rates), max(rates)],
         },
     }
@@ -114,27 +156,40 @@ def main() -> None:
     make_env(args.env_id, keywords)
     console = console_for_tables()
     begin = time.perf_counter()
+    iterations = args.iterations or (10 if args.controller == "lqr" else LAW_ITERATIONS)
+    given = {"restarts": args.restarts, "iterations": iterations}
     with messages.progress() as bar:
-        tuning = tune(args.env_id, keywords, args.seed, bar, restarts=args.restarts, iterations=args.iterations)
-    console.print(table(tuning))
+        if args.controller == "lqr":
+            tuning: Any = tune(args.env_id, keywords, args.seed, bar, **given)
+            console.print(table(tuning))
+            found = record(tuning)
+        else:
+            tuning = tune_law(args.env_id, keywords, args.controller, args.seed, bar, **given)
+            found = law_record(args.controller, tuning)
     rates = [100 * candidate.success_rate for candidate in tuning.restarts]
     console.print(f"success of the {args.restarts} restarts: {min(rates):.1f} to {max(rates):.1f} %")
     write_json(
         out,
         {
-            "command": f"python -m agents.tune --env-id {args.env_id} --restarts {args.restarts} "
-            f"--iterations {args.iterations} --seed {args.seed}"
+            "command": f"python -m agents.tune --env-id {args.env_id}"
+            + (f" --controller {args.controller}" if args.controller != "lqr" else "")
+            + f" --restarts {args.restarts} --iterations {iterations} --seed {args.seed}"
             + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""),
             **provenance.collect(),
             "seconds": round(time.perf_counter() - begin, 1),
             "env_id": args.env_id,
             "env_keywords": keywords,
-            **record(tuning),
+            **found,
         },
     )
-    console.print(
-        f"weights: {out}; drive with them: python -m agents.evaluate --env-id {args.env_id} --policy {out} lqr"
-    )
+    if args.controller == "lqr":
+        console.print(
+            f"weights: {out}; drive with them: python -m agents.evaluate --env-id {args.env_id} --policy {out} lqr"
+        )
+    else:
+        console.print(
+            f"gains: {out}; drive with them: control.REAR_STEERINGS[{args.controller!r}](env.unwrapped, gains)"
+        )
 
 
 if __name__ == "__main__":

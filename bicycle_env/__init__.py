@@ -1,6 +1,7 @@
 """Reinforcement learning and control of a car at and beyond its stability limit.
 
-Importing this package registers ``BicycleStab-v0``, ``BicycleLaneChange-v0`` and ``BicycleDoubleLaneChange-v0`` with
+Importing this package registers ``BicycleStab-v0``, ``BicycleLaneChange-v0``, ``BicycleDoubleLaneChange-v0`` and
+``BicycleActiveSteer-v0`` with
 Gymnasium.
 """
 

@@ -35,6 +35,12 @@ ENVIRONMENTS = (
         "bicycle_env.envs.bicycle_double_lane_change:BicycleDoubleLaneChangeVectorEnv",
         400,
     ),
+    Row(
+        "BicycleActiveSteer-v0",
+        "bicycle_env.envs.bicycle_active_steer:BicycleActiveSteerEnv",
+        "bicycle_env.envs.bicycle_active_steer:BicycleActiveSteerVectorEnv",
+        300,
+    ),
 )
 
 

@@ -14,9 +14,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from bicycle_env import Vehicle, analysis, simulate, tires, vehicles
+from bicycle_env import Vehicle, analysis, drivers, simulate, tires, vehicles
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.tasks import fmvss126
 from bicycle_env.tasks.double_lane_change import COURSES, Side
 from bicycle_env.tasks.episode import World
 
@@ -279,7 +280,25 @@ def gap_between_lanes(parameters):
     return round(right_3 - left_1, 12)
 
 
+# FMVSS126: the sine with dwell, and what the package's task takes of the criteria
+
+
+def sine_with_dwell(parameters):
+    """Frequency and dwell of the default driver, whose angle must be that of the standard at its corners."""
+    from bicycle_env.physics.elementary import NUMPY
+
+    driver = drivers.SineWithDwell(amplitude=1.0, start=0.0)
+    time = np.array([0.25 / 0.7, 0.5 / 0.7, 1.07143, 1.3, 1.57142, 1.75, 1.92857, 3.0])
+    angle = driver.law(NUMPY, None)(None, None, time, driver, None)
+    expected = [1.0, 0.0, -1.0, -1.0, -1.0, -math.sin(2.0 * math.pi * 0.7 * (1.92857 - 1.75)), 0.0, 0.0]
+    np.testing.assert_allclose(angle, expected, atol=2e-5)
+    return [driver.frequency, driver.dwell]
+
+
 COMPUTED = {
+    "FMVSS126-SIG.par": sine_with_dwell,
+    "FMVSS126-CRIT.resp": lambda parameters: [fmvss126.DISPLACEMENT_TIME, fmvss126.LEAST_DISPLACEMENT],
+    "FMVSS126-CRIT.yaw": lambda parameters: [100.0 * fmvss126.FIRST_RATIO, 100.0 * fmvss126.SECOND_RATIO],
     "ME303-STEP.eig": me303_eigenvalues,
     "ME303-STEP.ss": me303_steady_state,
     "ME303-STEP.V": lambda parameters: me303_amplitudes(parameters, 0),
@@ -316,7 +335,8 @@ COMPUTED = {
 
 SKIPPED = {
     "MENDES-SKIDPAD-R.full": "its forward speed is free; this package holds the speed constant (see .constU)",
-    **{case["id"]: "no FMVSS 126 sine with dwell in the package yet" for case in CASES if "FMVSS126" in case["id"]},
+    "FMVSS126-SIG.sis": "it asks for a rate of the steering wheel; this car has road wheels only",
+    "FMVSS126-CRIT.amp": "its amplitudes are those of the steering wheel; this car has road wheels only",
 }
 
 

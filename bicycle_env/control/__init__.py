@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bicycle_env.control.active_steer import REAR_STEERINGS
 from bicycle_env.control.driver import DRIVERS
 from bicycle_env.control.four_wheel_steer import REAR_LAWS, DriverAndLaw
 from bicycle_env.control.lqg import LQG
@@ -20,6 +21,7 @@ __all__ = [
     "NAMES",
     "POLICIES",
     "REAR_LAWS",
+    "REAR_STEERINGS",
     "ContinuousLQR",
     "DriverAndLaw",
     "Network",

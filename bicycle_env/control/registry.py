@@ -6,6 +6,7 @@ import importlib
 import inspect
 from typing import Any
 
+from bicycle_env.control.active_steer import REAR_STEERINGS
 from bicycle_env.control.driver import DRIVERS
 from bicycle_env.control.four_wheel_steer import COMBINATIONS, REAR_LAWS, driver_and_law
 from bicycle_env.control.lqg import LQG
@@ -24,6 +25,7 @@ CLASSES: tuple[type[Policy], ...] = (
     LQG,
     MPC,
     *DRIVERS.values(),
+    *REAR_STEERINGS.values(),
 )
 POLICIES: dict[str, Any] = {policy.name: policy for policy in CLASSES}
 """Name -> class of the controllers that are made from an environment alone."""

@@ -1,8 +1,15 @@
 """Gymnasium environments over the tasks and the physics."""
 
+from bicycle_env.envs.bicycle_active_steer import BicycleActiveSteerEnv
 from bicycle_env.envs.bicycle_double_lane_change import BicycleDoubleLaneChangeEnv
 from bicycle_env.envs.bicycle_lane_change import BicycleLaneChangeEnv
 from bicycle_env.envs.bicycle_stab import BicycleStabEnv
 from bicycle_env.envs.tensors.torch_vector_env import TorchVectorEnv
 
-__all__ = ["BicycleDoubleLaneChangeEnv", "BicycleLaneChangeEnv", "BicycleStabEnv", "TorchVectorEnv"]
+__all__ = [
+    "BicycleActiveSteerEnv",
+    "BicycleDoubleLaneChangeEnv",
+    "BicycleLaneChangeEnv",
+    "BicycleStabEnv",
+    "TorchVectorEnv",
+]

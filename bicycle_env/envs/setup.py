@@ -43,10 +43,11 @@ class Setup:
     observation_delay: int = 0
     action_repeat: int = 1
     sensors: Any = None
+    history: int = 1
 
 
 NAMES = tuple(field.name for field in dataclasses.fields(Setup))
-ADDED = ("randomise", "disturbances", "driver", "action_delay", "observation_delay", "sensors")
+ADDED = ("randomise", "disturbances", "driver", "action_delay", "observation_delay", "sensors", "history")
 """Those that are added to a task: the arguments of ``tasks.options.altered``."""
 
 

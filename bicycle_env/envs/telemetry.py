@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bicycle_env.physics.car import CarParameters
 from bicycle_env.physics.lateral import Axles
 from bicycle_env.tasks.episode import Reference
 
-PEAKS = ("front_peak_force", "rear_peak_force")
-MEASURED = (*Axles._fields, *(f"reference_{name}" for name in Reference._fields), *PEAKS, "clearance")
-"""What the compiled ``measure`` writes, in this order: the peak forces are the moment's [N], the clearance is from the
+MOMENT = ("front_peak_force", "rear_peak_force", "speed")
+"""Of the car of the moment."""
+MEASURED = (*Axles._fields, *(f"reference_{name}" for name in Reference._fields), *MOMENT, "clearance")
+"""What the compiled ``measure`` writes, in this order; N and m/s for the car of the moment, the clearance is from the
 corridor's edge to the nearest corner of the body [m], negative outside."""
 
 
-def telemetry(state: Any, measured: Mapping[str, Any], car: CarParameters) -> dict[str, Any]:
+def telemetry(state: Any, measured: Mapping[str, Any]) -> dict[str, Any]:
     """From what was measured in a state to the entries of ``info``; floats, or arrays of one shape."""
     return {
         **{name: measured[name] for name in Axles._fields},
-        "sideslip": state.lateral_velocity / car.speed,
+        "sideslip": state.lateral_velocity / measured["speed"],
         "front_saturation": abs(measured["front_lateral_force"]) / measured["front_peak_force"],
         "rear_saturation": abs(measured["rear_lateral_force"]) / measured["rear_peak_force"],
         "lateral_error": state.lateral_position - measured["reference_lateral_position"],

@@ -12,6 +12,8 @@ from bicycle_env.plots import style
 from bicycle_env.plots.runs import Columns, Road, columns
 from bicycle_env.plots.style import BLACK, ICE, ORANGE, LineStyle, dress, line_style
 
+AREA = 50.0
+"""m: the edges of what is wider are not drawn."""
 HISTORIES = {
     "sideslip": "sideslip [deg]",
     "yaw_rate": "yaw rate [deg/s]",
@@ -77,6 +79,8 @@ def episode(
         if end:
             label += f": {end.replace('left_', 'left the ').replace('_', ' ')} at the cross"
         handles += _draw_run(axes, run, label, line_style(k) if styles is None else styles[k], bool(end))
+    if plant is not None:
+        handles += _draw_histories(axes, plant, driven)
     handles += _draw_road(axes["R"], driven, roads, edges)
     for key, label in zip("ABCD", HISTORIES.values(), strict=True):
         dress(axes[key], xlabel="time [s]" if key in "CD" else "", ylabel=label)
@@ -104,6 +108,22 @@ def _draw_run(axes: Any, run: Columns, label: str, drawing: LineStyle, over: boo
         cross = {"color": BLACK, "markersize": 9, "markeredgewidth": 1.8, "zorder": 4}
         axes["R"].plot(x[-1], y[-1], "x", **cross)
         axes["P"].plot(sideslip[-1], yaw_rate[-1], "x", **cross)
+    return handles
+
+
+def _draw_histories(axes: Any, plant: Any, driven: list[Columns]) -> list[Any]:
+    """What the task wants of the car's quantities; the handles of the first run."""
+    handles: list[Any] = []
+    for k, run in enumerate(driven):
+        if not all(name in run for name in plant.task.TaskState._fields):
+            continue
+        own = plant.task.TaskState(*(run[name] for name in plant.task.TaskState._fields))
+        for history in plant.task.histories:
+            values = np.degrees(history.law(own, run["time"], plant.configuration.car))
+            key = "ABCD"[list(HISTORIES).index(history.quantity)]
+            label = f"{history.quantity.replace('_', ' ')}: {history.label}"
+            drawn = axes[key].plot(run["time"], values, color=BLACK, linewidth=1.2, linestyle=history.line, label=label)
+            handles += drawn if history.label and not k else []
     return handles
 
 
@@ -136,6 +156,8 @@ def _edges(roads: list[Road]) -> list[Edge]:
     """The different edges of the roads."""
     found: dict[bytes, Edge] = {}
     for road in roads:
+        if np.min(road.edges[1] - road.edges[0]) > AREA:
+            continue
         for edge in road.edges:
             found.setdefault((edge[:1] if np.all(edge == edge[0]) else edge).tobytes(), (road.places, edge))
     return list(found.values())

@@ -40,6 +40,8 @@ def columns(run: Any, name: str, speed: float | None) -> Columns:
     for needed in NEEDED:
         if not np.all(np.isfinite(found[needed])):
             raise ValueError(f"{name}[{needed!r}] must be finite")
+    if "sideslip" not in found and "speed" in found:
+        found["sideslip"] = found["lateral_velocity"] / found["speed"]
     if "sideslip" not in found:
         if speed is None:
             raise ValueError(f"{name} holds no 'sideslip': give env=, or speed= in m/s")

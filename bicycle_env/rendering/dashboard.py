@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from bicycle_env.rendering import painting as p
@@ -51,6 +51,8 @@ class Reading(NamedTuple):
     end: str
     """Why the episode has ended; empty while it runs."""
     settled: bool
+    beside: Mapping[str, str]
+    """By the quantity's name, what the task wants of it, in words."""
 
 
 @functools.cache
@@ -97,8 +99,8 @@ def paint_numbers(surface: Any, reading: Reading, area: Any) -> None:
         ("tire", f"{reading.tire}, friction {reading.friction:.2f}"),
         ("time", f"{reading.time:.2f} s"),
         ("sideslip", f"{_degrees(reading.sideslip)}°"),
-        ("yaw rate", f"{_degrees(reading.yaw_rate)}°/s"),
-        ("front steer", f"{_degrees(reading.front_steer)}°"),
+        ("yaw rate", f"{_degrees(reading.yaw_rate)}°/s{reading.beside.get('yaw_rate', '')}"),
+        ("front steer", f"{_degrees(reading.front_steer)}°{reading.beside.get('front_steer', '')}"),
         ("rear steer", f"{_degrees(reading.rear_steer)}°"),
     ]
     for k, (name, value) in enumerate(rows):

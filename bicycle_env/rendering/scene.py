@@ -24,6 +24,8 @@ from bicycle_env.tasks.task import Task
 
 BEHIND = 0.30
 """Part of the picture's width that lies behind the car."""
+AREA = 12.0
+"""A corridor wider to each side than this, m, is an area: the picture shows so much of it on both sides of the car."""
 GRIP_ARROW = 2.4
 """Length of a force arrow at friction x static axle load, m."""
 LONGEST_ARROW = 2.0
@@ -260,6 +262,10 @@ def _view(setup: Setup, state: Any, measured: dict[str, float]) -> _View:
     half_body = 0.5 * vehicle.body_width
     beyond = half_body + math.hypot(max(vehicle.front_extent, vehicle.rear_extent), half_body)
     middle, edge = measured["reference_road_centre"], measured["reference_road_half_width"]
+    if edge > AREA:
+        left, right = x - BEHIND * 2.0 * AREA * setup.aspect, x + (1.0 - BEHIND) * 2.0 * AREA * setup.aspect
+        road = corridor(lambda places: _reference(setup, state, places), left, right)
+        return _View(road, left, right, state.lateral_position, edge, AREA)
     for widening in range(WIDENINGS + 1):
         width = 2.0 * (edge + beyond) * setup.aspect
         left = x - BEHIND * width

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,18 +80,20 @@ class Viewer:
         return surface
 
     def _look(self) -> tuple[Reading, Scene]:
-        env, setup, car = self._env, setup_of(self._env), self._env.present
+        env, car = self._env, self._env.present
         state, measured, limits = env.state, env.measure(), env.task.limits
+        grip = {f"{axle}_grip": measured[f"{axle}_peak_force"] for axle in ("front", "rear")}
+        setup = setup_of(env)._replace(**grip)
         # restore() may have gone back in time
         self._history = [moment for moment in self._history if moment.time < state.time]
         scene = build_scene(setup, state, measured, [moment.place for moment in self._history])
         reading = Reading(
-            speed=car.speed,
+            speed=measured["speed"],
             critical_speed=car.vehicle.critical_speed,
             tire=type(env.tire).__name__,
-            friction=car.friction,
+            friction=car.friction * (measured["front_peak_force"] / car.car.front_peak_force),
             time=state.time,
-            sideslip=state.lateral_velocity / car.speed,
+            sideslip=state.lateral_velocity / measured["speed"],
             yaw_rate=state.yaw_rate,
             front_steer=state.front_steer,
             rear_steer=state.rear_steer,
@@ -98,12 +101,12 @@ class Viewer:
             rear_steer_limit=env.rear_actuator.angle_limit,
             front_force=measured["front_lateral_force"],
             rear_force=measured["rear_lateral_force"],
-            front_grip=setup.front_grip,
-            rear_grip=setup.rear_grip,
+            **grip,
             sideslip_limit=limits.sideslip,
             yaw_rate_limit=limits.yaw_rate,
             end=env.end,
             settled=env.is_success,
+            beside=_beside(env, state),
         )
         self._history.append(_Moment(state.time, scene.centre_of_mass, (reading.sideslip, reading.yaw_rate)))
         return reading, scene
@@ -125,6 +128,16 @@ class Viewer:
         window.blit(frame, (0, 0))
         pygame.display.flip()
         self._clock.tick(self._env.metadata["render_fps"])
+
+
+def _beside(env: Any, state: Any) -> dict[str, str]:
+    """The first history of each quantity at this moment, in degrees."""
+    own = env.task.TaskState(*state[len(state) - len(env.task.TaskState._fields) :])
+    words: dict[str, str] = {}
+    for history in env.task.histories:
+        value = math.degrees(history.law(own, state.time, env.present.car))
+        words.setdefault(history.quantity, f" ({history.label} {round(value, 1) + 0.0:+.1f})")
+    return words
 
 
 def setup_of(env: Any) -> Setup:

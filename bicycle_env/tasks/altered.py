@@ -14,12 +14,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from bicycle_env.physics.car import CarState
+from bicycle_env.physics.model import Model
 from bicycle_env.physics.records import joined, part, record_of
 from bicycle_env.tasks.ends import Limits, Tolerances
 from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.marks import Mark
 from bicycle_env.tasks.metrics import Metric
-from bicycle_env.tasks.task import Allowed, Entry, Law, Task
+from bicycle_env.tasks.task import Allowed, Entry, History, Law, Task
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,10 +110,6 @@ class AlteredTask(Task):
         return self.task.options
 
     @property
-    def defaults(self) -> Mapping[str, Any]:  # type: ignore[override]
-        return self.task.defaults
-
-    @property
     def rewards(self) -> Any:  # type: ignore[override]
         return self.task.rewards
 
@@ -123,6 +120,14 @@ class AlteredTask(Task):
     @property
     def uniform_corridor(self) -> bool:  # type: ignore[override]
         return self.task.uniform_corridor
+
+    @property
+    def defaults(self) -> Mapping[str, Any]:  # type: ignore[override]
+        return self.task.defaults
+
+    @property
+    def companions(self) -> tuple[str, ...]:
+        return self.task.companions
 
     @property
     def flipped(self) -> tuple[str, ...] | None:  # type: ignore[override]
@@ -152,6 +157,10 @@ class AlteredTask(Task):
     @property
     def metrics(self) -> tuple[Metric, ...]:
         return self.task.metrics
+
+    @property
+    def histories(self) -> tuple[History, ...]:
+        return self.task.histories
 
     @property
     def told(self) -> tuple[str, ...]:
@@ -219,6 +228,9 @@ class AlteredTask(Task):
 
     def conditions(self, xp: Any) -> Law | None:
         return self.task.conditions(xp)
+
+    def accompany(self, xp: Any, model: Model) -> Law | None:
+        return self.task.accompany(xp, model)
 
     def end(self, xp: Any) -> Law:
         return self.task.end(xp)

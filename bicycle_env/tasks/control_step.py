@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.integrators import rk4
 from bicycle_env.physics.model import Model
-from bicycle_env.physics.records import replaced
+from bicycle_env.physics.records import merged, replaced
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
@@ -36,6 +36,9 @@ class Parts(NamedTuple):
     """``advance(state, episode, command, elapsed, world) -> state``: one substep, `elapsed` s into the control step."""
     finish: Law
     """``finish(state, episode, action, command, before, world) -> (episode, reward, end, cost)``."""
+    accompany: Law | None
+    """``accompany(state, episode, elapsed, world) -> TaskState``: beside `advance`, from the same state, what the task
+    has of companions; None where it has none."""
 
 
 def parts(xp: Any, task: Task, model: Model, reward: Reward) -> Parts:
@@ -73,7 +76,7 @@ def parts(xp: Any, task: Task, model: Model, reward: Reward) -> Parts:
         settled = xp.where(success_law(state, reference, now, world), episode.settled_steps + 1.0, 0.0)
         return EpisodeState(command[0], command[1], steps, settled, own), gained, end, cost
 
-    return Parts(begin, advance, finish)
+    return Parts(begin, advance, finish, _accompany(xp, task, model))
 
 
 def command_of(xp: Any, task: Task) -> Law:
@@ -166,12 +169,46 @@ def _remember(xp: Any, task: Task) -> Law:
     return the_same
 
 
+def _accompany(xp: Any, task: Task, model: Model) -> Law | None:
+    own = task.accompany(xp, model)
+    if own is None:
+        return None
+    law, moment = xp.function(own), xp.function(car_of_the_moment(xp, task))
+    join = merged(xp, task.TaskState, task.companions)
+
+    def accompany(state: CarState, episode: EpisodeState, elapsed: Any, world: World) -> Any:
+        physics_timestep = world.rules.control_timestep / world.rules.substeps
+        car = moment(state, episode, elapsed, world)
+        return join(episode.task_state, law(state, episode, car, physics_timestep, world))
+
+    return accompany
+
+
+def _beside(xp: Any, accompany: Law | None) -> Law:
+    """``beside(state, episode, elapsed, world) -> EpisodeState`` after a substep."""
+
+    def alone(state: CarState, episode: EpisodeState, elapsed: Any, world: World) -> EpisodeState:
+        return episode
+
+    def beside(state: CarState, episode: EpisodeState, elapsed: Any, world: World) -> EpisodeState:
+        own = law(state, episode, elapsed, world)
+        front, rear = episode.front_steer_command, episode.rear_steer_command
+        return EpisodeState(front, rear, episode.steps, episode.settled_steps, own)
+
+    if accompany is None:
+        return alone
+    law = xp.function(accompany)
+    return beside
+
+
 def transition(xp: Any, task: Task, model: Model, reward: Reward) -> Law:
     """``step(state, episode, action, world, substeps) -> (state, episode, reward, end, cost)``: a control step.
 
     `substeps` is a whole number; see :class:`Parts` for the rest.
     """
-    begin, advance, finish = (xp.function(law) for law in parts(xp, task, model, reward))
+    made = parts(xp, task, model, reward)
+    begin, advance, finish = (xp.function(law) for law in made[:3])
+    beside = xp.function(_beside(xp, made.accompany))
 
     def step(
         state: CarState, episode: EpisodeState, action: Axles, world: World, substeps: int
@@ -180,8 +217,9 @@ def transition(xp: Any, task: Task, model: Model, reward: Reward) -> Law:
         physics_timestep = world.rules.control_timestep / world.rules.substeps
         elapsed = 0.0 * physics_timestep
         for _ in range(substeps):
-            state = advance(state, episode, command, elapsed, world)
-            elapsed = elapsed + physics_timestep
+            moved = advance(state, episode, command, elapsed, world)
+            episode = beside(state, episode, elapsed, world)
+            state, elapsed = moved, elapsed + physics_timestep
         after, gained, end, cost = finish(state, episode, action, command, before, world)
         return state, after, gained, end, cost
 

@@ -1,18 +1,19 @@
-"""Delays, in control steps: actions that arrive later, observations that are of earlier."""
+"""Delays, in control steps: actions that arrive later, observations that are of earlier, or of several times."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, ClassVar
 
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.records import composed, field, sequence
 from bicycle_env.tasks.altered import AlteredTask, unchanged
 from bicycle_env.tasks.control_step import command_of
 from bicycle_env.tasks.episode import EpisodeState, World
-from bicycle_env.tasks.task import Law
+from bicycle_env.tasks.task import Entry, Law
 
 MOST_DELAY = 50
+MOST_FRAMES = 50
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +67,8 @@ class LateObservations(AlteredTask):
     """What is observed is of so many control steps ago, at first of the start; the preview of the road is not late."""
 
     steps: int
+    word: ClassVar[str] = "ago"
+    """In the names of what is kept."""
 
     @property
     def _entries(self) -> tuple[Any, ...]:
@@ -75,7 +78,7 @@ class LateObservations(AlteredTask):
 
     @property
     def kept(self) -> tuple[str, ...]:
-        return tuple(f"{entry.name}_{k}_ago" for k in range(self.steps + 1) for entry in self._entries)
+        return tuple(f"{entry.name}_{k}_{self.word}" for k in range(self.steps + 1) for entry in self._entries)
 
     @property
     def kept_flipped(self) -> tuple[str, ...]:
@@ -94,9 +97,12 @@ class LateObservations(AlteredTask):
 
     def refill(self, xp: Any) -> Law:
         observe, size = self.task.observe(xp), len(self._entries)
+        refilled = self.task.refilled(xp)
         fill = composed(xp, self.Kept, [f"values[{j % size}]" for j in range(len(self.kept))], "values")
 
         def refill(state: CarState, episode: EpisodeState, world: World) -> Any:
+            if refilled is not None:
+                episode = episode._replace(task_state=refilled(state, episode, world))
             return fill(observe(state, episode, world))
 
         return refill
@@ -117,10 +123,36 @@ class LateObservations(AlteredTask):
         return update
 
     def observe(self, xp: Any) -> Law:
-        late = sequence(xp, [f"own.{name}" for name in self.kept[-len(self._entries) :]], "own")
+        return self._told(xp, self.kept[-len(self._entries) :])
+
+    def _told(self, xp: Any, names: tuple[str, ...]) -> Law:
+        late = sequence(xp, [f"own.{name}" for name in names], "own")
 
         def observe(state: CarState, episode: EpisodeState, world: World) -> tuple[Any, ...]:
             values: tuple[Any, ...] = late(episode.task_state)
             return values
 
         return observe
+
+
+@dataclasses.dataclass(frozen=True)
+class Frames(LateObservations):
+    """The latest observations side by side, the newest first, at first all of the start; then the newest preview.
+
+    `steps`: how many of earlier there are.
+    """
+
+    word = "kept"
+
+    def entries(self, speed: float, front_limit: float, rear_limit: float) -> tuple[Entry, ...]:
+        newest = self.task.entries(speed, front_limit, rear_limit)
+        seen = newest[: len(self._entries)]
+        earlier = (
+            entry._replace(name=f"{entry.name}_{k}_ago", meaning=f"{k} control steps ago")
+            for k in range(1, self.steps + 1)
+            for entry in seen
+        )
+        return (*seen, *earlier, *newest[len(seen) :])
+
+    def observe(self, xp: Any) -> Law:
+        return self._told(xp, self.kept)

@@ -38,7 +38,7 @@ class Sensors:
     name: str = dataclasses.field(default="sensors", init=False, repr=False, compare=False)
     signals: str | tuple[str, ...] | None = None
     """None: the whole observation of the task. "car": what a car measures, ``CAR``. Or names of the observation's
-    entries, in the order wanted, "lateral_acceleration" (which no task shows) and "preview" among them."""
+    entries, in the order wanted, "lateral_acceleration" and "preview" among them."""
     noise: Numbers = ()
     """Standard deviations: ``{"yaw_rate": 0.01, "lateral_position": 0.05}``."""
     resolution: Numbers = ()
@@ -65,7 +65,7 @@ class SensedTask(AlteredTask):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        offered = [entry.name for entry in (*self._split(self._any)[0], ACCELERATION)]
+        offered = [entry.name for entry in (ACCELERATION, *self._split(self._any)[0])]
         if not isinstance(self.sensors.signals, str):
             for name in self.sensors.signals or ():
                 choice("sensors: signals: name", name, (*offered, PREVIEW))
@@ -88,7 +88,7 @@ class SensedTask(AlteredTask):
         signals, mine = self.sensors.signals, self._split(entries)[0]
         if signals is None:
             return mine
-        offered = {entry.name: entry for entry in (*mine, ACCELERATION)}
+        offered = {entry.name: entry for entry in (ACCELERATION, *mine)}
         if signals == "car":
             return tuple(offered[name] for name in CAR if name in offered)
         return tuple(offered[name] for name in signals if name != PREVIEW)
@@ -99,7 +99,7 @@ class SensedTask(AlteredTask):
 
     @property
     def _accelerometer(self) -> bool:
-        return ACCELERATION in self._seen
+        return ACCELERATION in self._seen and ACCELERATION.name not in {entry.name for entry in self._any}
 
     @property
     def preview_times(self) -> tuple[float, ...]:

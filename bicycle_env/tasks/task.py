@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from bicycle_env.physics.car import CarState
+from bicycle_env.physics.model import Model
 from bicycle_env.physics.validation import choice, known_keys, number
 from bicycle_env.tasks.ends import Limits, Tolerances, corner_outside, end_code, settled
 from bicycle_env.tasks.episode import EpisodeState, World
@@ -35,6 +36,21 @@ class Entry(NamedTuple):
 
 
 Law = Callable[..., Any]
+
+
+class History(NamedTuple):
+    """What a figure draws over the time beside a quantity of the car."""
+
+    quantity: str
+    """A name in the state, such as "yaw_rate"."""
+    label: str
+    """For the legend; "" for none."""
+    law: Callable[[Any, Any, Any], Any]
+    """``law(task_state, time, car)``, of arrays; nan where there is nothing to draw."""
+    line: str = ":"
+    """matplotlib's style."""
+
+
 Allowed = Mapping[str, float] | tuple[float, float]
 """What an option may be: one of some words, each of which stands for a number; or a number in a range."""
 
@@ -116,6 +132,16 @@ class Task(abc.ABC):
         return SHARED
 
     @property
+    def histories(self) -> tuple[History, ...]:
+        """What figures of an episode draw beside the car's own."""
+        return ()
+
+    @property
+    def undriven(self) -> Task:
+        """The task without a driver of its own: what ``driver=`` is added to."""
+        return self
+
+    @property
     def end_names(self) -> tuple[str, ...]:
         """The words of the end codes 0, 1, 2, ..."""
         return ("", *self.ends[:2], "invalid_action", *self.ends[2:])
@@ -165,6 +191,19 @@ class Task(abc.ABC):
         """``remember(state, episode, action, world) -> TaskState`` after a control step, or None where it stays.
 
         ``state`` is the one after the step, ``episode`` the one before it. The other laws of the step see the result.
+        """
+        return None
+
+    @property
+    def companions(self) -> tuple[str, ...]:
+        """Names in ``TaskState`` that :meth:`accompany` moves."""
+        return ()
+
+    def accompany(self, xp: Any, model: Model) -> Law | None:
+        """``accompany(state, episode, car, timestep, world) -> record`` of the companions; None: there are none.
+
+        What moves beside the car, such as a second one that is steered otherwise: anew in every substep of the physics,
+        with the car of that moment, from the state before it.
         """
         return None
 

@@ -22,10 +22,12 @@ import bicycle_env  # noqa: F401  (registers the environments)
 from bicycle_env.envs.many.blocks import best_length
 
 FILE = Path(__file__).parent / "hashes.json"
-STAB, LANE_CHANGE = "BicycleStab-v0", "BicycleLaneChange-v0"
+STAB, LANE_CHANGE, ACTIVE = "BicycleStab-v0", "BicycleLaneChange-v0", "BicycleActiveSteer-v0"
 DOUBLE_LANE_CHANGE = "BicycleDoubleLaneChange-v0"
 CARS, STEPS, TIME_LIMIT, SEED = 4, 400, 60, 20
 BLOCKS = (4, 8, 64)
+OWN_LIMIT = {ACTIVE: 100}
+"""Beyond the twin's judgement."""
 
 
 class Rollout(NamedTuple):
@@ -72,6 +74,10 @@ ROLLOUTS = [
     Rollout(DOUBLE_LANE_CHANGE, "fiala", "exact", "default", False),
     Rollout(DOUBLE_LANE_CHANGE, "magic_formula", "small_angle", "quadratic", True),
     Rollout(DOUBLE_LANE_CHANGE, "fiala", "exact", "default", False, "float32"),
+    # A companion beside the car, and draws of its own.
+    Rollout(ACTIVE, "fiala", "exact", "default", False),
+    Rollout(ACTIVE, "tanh", "small_angle", "quadratic", True),
+    Rollout(ACTIVE, "magic_formula", "exact", "default", True, "float32"),
 ]
 OWN = {
     "vehicle": ("oversteer", "me303", "oversteer", "civic"),
@@ -99,7 +105,8 @@ def keywords_of(rollout):
         "tire": rollout.tire,
         "geometry": rollout.geometry,
         "reward": rollout.reward,
-        "max_episode_steps": TIME_LIMIT,
+        "max_episode_steps": OWN_LIMIT.get(rollout.id, TIME_LIMIT),
+        "steer": "both",
     }
     return (shared, OWN) if rollout.varied else ({**shared, "speed": SPEED}, {})
 

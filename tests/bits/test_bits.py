@@ -31,7 +31,7 @@ GENERIC = {"NUMBA_CPU_NAME": "generic"}
 on_x86_with_fma = pytest.mark.skipif(not FEATURES.get("fma") or not FEATURES.get("avx2"), reason="not this processor's")
 
 PAIRWISE = range(8)
-FORM_AMONG_OTHERS = {**dict(enumerate(("8", "64", "64", "8", "8", "64", "8", "64"))), 20: "8"}
+FORM_AMONG_OTHERS = {**dict(enumerate(("8", "64", "64", "8", "8", "64", "8", "64"))), 20: "8", 23: "64"}
 """Of the pairwise rollouts, the blocks of the combinations of tests/contracts, which are compiled there, too; and of a
 rollout of each task that came later."""
 

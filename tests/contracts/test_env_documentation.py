@@ -14,6 +14,7 @@ from bicycle_env.envs.configuration import DEFAULT_SPEED
 from bicycle_env.envs.single.single_track_env import keyword_names
 from bicycle_env.physics.car import CarState
 from bicycle_env.registration import ENVIRONMENTS
+from bicycle_env.tasks import fmvss126, steadiness
 from bicycle_env.tasks.double_lane_change import APPROACH, COURSES
 from bicycle_env.tasks.lane_change import DURATION
 
@@ -76,6 +77,11 @@ def lane_change():
 @pytest.fixture
 def double_lane_change():
     return Documented(next(row for row in ENVIRONMENTS if row.id == "BicycleDoubleLaneChange-v0"))
+
+
+@pytest.fixture
+def active_steer():
+    return Documented(next(row for row in ENVIRONMENTS if row.id == "BicycleActiveSteer-v0"))
 
 
 def test_every_section_is_there(page):
@@ -203,6 +209,7 @@ def test_the_table_of_observations(page):
             listed.append(row)
     scales = {
         "0.2 x speed": 0.2 * env.speed,
+        "speed": env.speed,
         "front angle limit": env.front_actuator.angle_limit,
         "rear angle limit": env.rear_actuator.angle_limit,
     }
@@ -217,16 +224,19 @@ def test_the_table_of_observations(page):
         assert entry.scale == scale
         assert float(row["Bound"]) == entry.bound == bound, row
     assert f"`Box({len(listed)},)`" in page.section("Observation space")
-    assert (env.observation_mirror == -1.0).all()
-    page.has("All entries change sign in the mirror image")
+    *first, last = [entry.name for entry in env.observation_entries if entry.mirror > 0.0] or [""]
+    page.has(
+        "All entries change sign in the mirror image" + (f", but for {', '.join(first)} and {last}." if last else ".")
+    )
 
 
 def test_the_table_of_actions(page):
     env = page.env
     actuators = (env.front_actuator, env.rear_actuator)
-    rows = page.table("Action space")
-    assert [row["Action"] for row in rows] == list(env.linear_model().input_names)
-    for k, (row, actuator) in enumerate(zip(rows, actuators, strict=True)):
+    rows, names = page.table("Action space"), env.linear_model().input_names
+    assert [row["Action"] for row in rows] == list(names)
+    steered = [actuators[name.startswith("rear")] for name in names]
+    for k, (row, actuator) in enumerate(zip(rows, steered, strict=True)):
         assert int(row["Num"]) == k
         assert row["1 means (default actuators)"] == f"{math.degrees(actuator.angle_limit):g} deg at the road wheels"
     assert f"`Box(-1, 1, {env.action_space.shape}, float32)`" in page.section("Action space")
@@ -268,10 +278,10 @@ def test_the_quadratic_reward(page):
         rules.front_steer_cost,
         rules.rear_steer_cost,
     )
-    commands = (rules.front_command_cost, rules.rear_command_cost)
+    commands = [getattr(rules, name.replace("_steer_command", "_command_cost")) for name in model.input_names]
     page.has(f"Q = diag({', '.join(map(str, costs))}), R = diag({', '.join(map(str, commands))})")
     assert tuple(model.Q.diagonal()) == costs
-    assert tuple(model.R.diagonal()) == commands
+    assert list(model.R.diagonal()) == commands
     order = re.search(r"x = \(([^)]*)\)", page.text).group(1).replace("lateral_error", "lateral_position")
     assert tuple(order.replace("heading_error", "heading").split(", ")) == model.state_names
 
@@ -332,6 +342,48 @@ def test_the_tolerances_of_the_lane_change(lane_change):
         f"within {within.lateral} m of the new lane's middle with |heading| < {within.heading}, "
         f"|sideslip| < {within.sideslip} and |yaw rate| < {within.yaw_rate} rad/s"
     )
+
+
+def test_the_numbers_of_the_active_steer(active_steer):
+    env, rules = active_steer.env, active_steer.env.reward
+    active_steer.has(
+        f"c = {rules.yaw_rate_weight} (r - r_ref)^2 + {rules.sideslip_weight} max(0, |beta| - {rules.free_sideslip})^2 "
+        f"+ {rules.smoothness_weight} |du|^2 + after {rules.settling_weight} (r^2 + beta^2)"
+    )
+    active_steer.has(
+        f"r_ref = (U / L) d / (1 + {steadiness.UNDERSTEER} U^2), within +-{steadiness.GRIP_SHARE} friction g / U"
+    )
+    active_steer.has(f"{rules.scale} / (1 + c)")
+    active_steer.has(f"in the {steadiness.SETTLING} s after the driver")
+    active_steer.has(f"cost {rules.failure} each, once")
+    task = env.task
+    (slow, fast), (slippery, grippy), (small, large) = task.relative_speed, task.relative_friction, task.amplitude
+    active_steer.has(
+        f"speed {slow} to {fast} of the nominal one, friction {slippery} to {grippy} of the nominal one, amplitude "
+        f"{small} to {large} rad at the road wheels; frequency {task.frequency[0]} Hz and dwell {task.dwell[0]} s"
+    )
+    active_steer.has(f"{fmvss126.BEGIN} s after the start the front wheels begin")
+    active_steer.has(f"{task.road_half_width} m to the side")
+    active_steer.has(
+        f"at most {fmvss126.FIRST_RATIO} of its peak at the control step {fmvss126.FIRST_TIME} s after the driver had "
+        f"finished, and at most {fmvss126.SECOND_RATIO:g} of it from {fmvss126.SECOND_TIME} s after it to the end"
+    )
+    active_steer.has(
+        f"since {fmvss126.PEAK_FROM} periods after the beginning, and counts at least {fmvss126.FLOOR} rad/s"
+    )
+    active_steer.has(
+        f"{fmvss126.DISPLACEMENT_TIME} s after the beginning was at least {fmvss126.TWIN_SHARE} of the one that"
+    )
+    active_steer.has(f"its {fmvss126.LEAST_DISPLACEMENT} m")
+
+
+def test_the_options_of_the_active_steer(active_steer):
+    found = re.search(r"`reset\(options=(\{.*?\})\)`", active_steer.text.replace("{...}", "{}")).group(1)
+    options = ast.literal_eval(found)
+    assert set(options) == {"state", *active_steer.env.task.options}
+    active_steer.env.reset(options=options)
+    assert active_steer.env.state.amplitude == options["amplitude"]
+    assert active_steer.env.state.speed == options["relative_speed"] * active_steer.env.speed
 
 
 def test_the_peak_acceleration_of_the_path(lane_change):

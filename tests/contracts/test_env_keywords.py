@@ -27,6 +27,12 @@ def values(*bad, error=ValueError):
     return [(value, error) for value in bad]
 
 
+def a_range(*bad):
+    return values(*bad, (math.nan, 1.0)) + values(
+        None, 1.0, "low", (0.1,), (0.1, 0.2, 0.3), ("0.1", 0.2), error=TypeError
+    )
+
+
 POSITIVE = values(*NOT_FINITE, 0.0, 0, -1.0) + values(*NO_NUMBERS, error=TypeError)
 REQUIRED = POSITIVE + values(None, error=TypeError)
 AN_ACTUATOR = values(None, 0.1, "front", (0.1, 0.7, 0.05), {"angle_limit": "0.1"}, Actuator, error=TypeError)
@@ -53,6 +59,7 @@ BAD = {
     "observation_delay": values(-1, 51) + values(None, 1.5, "1", True, error=TypeError),
     "action_repeat": values(0, -1, 1001) + values(None, 1.5, "1", True, error=TypeError),
     "sensors": values({"noise": {"yawrate": 0.1}}, {"noise": {"yaw_rate": -1.0}}) + values(3, "noisy", error=TypeError),
+    "history": values(0, -1, 51) + values(None, 1.5, "1", True, error=TypeError),
     "telemetry": values(None, 0, 1, "yes", np.True_, error=TypeError),
     "render_mode": values("", "ansi", "Human") + values(3, True, error=TypeError),
     "course": values("", "iso3888", "ISO3888-1") + values(None, 1, error=TypeError),
@@ -63,6 +70,12 @@ BAD = {
     "lane_width": REQUIRED,
     "preview_length": values(*NOT_FINITE, -0.1) + values(*NO_NUMBERS, None, error=TypeError),
     "preview_spacing": REQUIRED,
+    "relative_speed": a_range((0.4, 1.0), (0.9, 2.1), (1.0, 0.9)),
+    "relative_friction": a_range((0.0, 1.0), (0.5, 2.1), (1.0, 0.9)),
+    "amplitude": a_range((-0.1, 0.1), (0.1, 1.6), (0.1, 0.05)),
+    "frequency": a_range((0.1, 0.7), (0.7, 4.0), (0.8, 0.7), (0.3, 0.7)),
+    "dwell": a_range((-0.1, 0.5), (0.5, 2.1), (0.6, 0.5)),
+    "observed": values("", "all", "State") + values(None, 1, error=TypeError),
 }
 
 CASES = [

@@ -8,7 +8,7 @@ import numpy as np
 from bicycle_env.registration import ENVIRONMENTS
 
 IDS = [row.id for row in ENVIRONMENTS]
-STAB, LANE_CHANGE = "BicycleStab-v0", "BicycleLaneChange-v0"
+STAB, LANE_CHANGE, ACTIVE = "BicycleStab-v0", "BicycleLaneChange-v0", "BicycleActiveSteer-v0"
 DOUBLE_LANE_CHANGE = "BicycleDoubleLaneChange-v0"
 FEW, MANY = 11, 190
 """Rows in short and in long blocks, the last block not full."""
@@ -36,8 +36,10 @@ COMBINATIONS = [
     Combination(LANE_CHANGE, "fiala", "small_angle", "quadratic", MANY, True),
     Combination(STAB, "magic_formula", "exact", "quadratic", FEW, True),
     Combination(LANE_CHANGE, "magic_formula", "small_angle", "default", MANY, False),
+    Combination(ACTIVE, "fiala", "exact", "default", FEW, True),
+    Combination(ACTIVE, "tanh", "small_angle", "quadratic", MANY, False),
 ]
-"""Every pair of values of two columns stands in one of these rows; compiling all 128 would take minutes."""
+"""Every pair of values of two columns stands in one of the first rows; compiling all 128 would take minutes."""
 
 
 def some_rows(num_envs):

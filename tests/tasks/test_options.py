@@ -43,7 +43,7 @@ EVERYTHING = {
     ),
     "driver": drivers.SineWithDwell(amplitude=0.01, start=0.1),
 }
-LATE = {"action_delay": 2, "observation_delay": 1}
+LATE = {"action_delay": 2, "observation_delay": 1, "history": 3}
 
 
 def neutral(gust=None, step=None, loss=None, driver=None, **randomise):
@@ -387,6 +387,23 @@ def test_observations_are_of_earlier(env_id):
     np.testing.assert_array_equal(late[:, size:], now[:, size:])
 
 
+@pytest.mark.parametrize("env_id", [LANE, only_all(STAB)])
+def test_the_latest_observations_stand_side_by_side(env_id):
+    commands = actions(20)[:, 0]
+    env = make(env_id, history=3)
+    seen, _ = drive(env, commands)
+    now, _ = drive(make(env_id), commands)
+    size = 8 if env_id == STAB else 10
+    for back in range(3):
+        earlier = now[np.maximum(np.arange(len(now)) - back, 0), :size]
+        np.testing.assert_array_equal(seen[:, back * size : (back + 1) * size], earlier)
+    np.testing.assert_array_equal(seen[:, 3 * size :], now[:, size:])
+    names = env.observation_names
+    assert (names[3], names[size + 3], names[2 * size + 3]) == ("yaw_rate", "yaw_rate_1_ago", "yaw_rate_2_ago")
+    assert names[3 * size :] == make(env_id).observation_names[size:]
+    assert env.observation_scale[size + 2] == env.observation_scale[2]
+
+
 # As keywords
 
 
@@ -514,6 +531,10 @@ def test_a_start_that_is_given_is_what_is_observed_at_first():
     np.testing.assert_array_equal(observation, now)
     for _ in range(2):
         np.testing.assert_array_equal(single.step(np.zeros(2, np.float32))[0], now)
+    felt = {"sensors": {"signals": ["yaw_rate", "lateral_acceleration"]}}
+    frames, _ = make(history=2, observation_delay=1, **felt).reset(seed=0, options=given)
+    np.testing.assert_array_equal(frames, np.tile(make(**felt).reset(seed=0, options=given)[0], 2))
+    assert frames[1] > 0.5
     for envs in (
         gym.make_vec(STAB, 4, **QUICK, observation_delay=2),
         TorchVectorEnv(STAB, 4, **QUICK, observation_delay=2),

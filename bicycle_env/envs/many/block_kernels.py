@@ -79,8 +79,9 @@ def _step(kind: Kind, reward: Reward) -> Any:
     xp, length, entries, access, place = kind.xp, kind.length, kind.entries, blocks.access(kind), shared_layout(kind)
     task, block_columns, car = kind.task, layout(kind).width, car_functions(kind)
     block_size, uniforms = block_columns * length, task.uniforms
-    begin, advance, finish = (xp.function(law) for law in parts(xp, task, kind.model, reward))
-    keep_after = blocks.keeper(kind)
+    made = parts(xp, task, kind.model, reward)
+    begin, advance, finish = (xp.function(law) for law in made[:3])
+    beside, keep_after = blocks.companions(kind, made.accompany), blocks.keeper(kind)
     limit_at, settle_at, times, shared_size = place.step_limit, place.steps_to_settle, place.times, place.whole
 
     # The scratch: a block, and after it what one step needs of each car.
@@ -170,6 +171,8 @@ def _step(kind: Kind, reward: Reward) -> Any:
                 left &= left - one
             elapsed = 0.0 * physics_timestep
             for _ in range(substeps):
+                for k in range(length):
+                    beside(scratch, k, shared, elapsed)
                 for k in range(length):
                     command = read_command(scratch, k)
                     mine = access.world(scratch, k, shared)
@@ -312,7 +315,7 @@ def measuring(kind: Kind) -> Any:
     reference_law = xp.function(kind.task.reference(xp))
     keep_acting = writer(xp, len(Axles._fields), 0, 1)
     keep_reference = writer(xp, len(Reference._fields), len(Axles._fields), 1)
-    keep_rest = writer(xp, 3, len(Axles._fields) + len(Reference._fields), 1)
+    keep_rest = writer(xp, 4, len(Axles._fields) + len(Reference._fields), 1)
     clearance_law = xp.function(clearance(xp, kind.task))
 
     def measure(numbers: Any, out: Any) -> None:
@@ -327,7 +330,7 @@ def measuring(kind: Kind) -> Any:
             reference = reference_law(state, episode.task_state, mine)
             keep_reference(out[row], 0, reference)
             clear = clearance_law(state, reference, episode, mine)
-            keep_rest(out[row], 0, (now.front_peak_force, now.rear_peak_force, clear))
+            keep_rest(out[row], 0, (now.front_peak_force, now.rear_peak_force, now.speed, clear))
 
     with announcements.progress(label(kind)):
         return compiled.entry_point(measure, numba.void(number_type(kind)[::1], numba.float64[:, ::1]), nogil=True)

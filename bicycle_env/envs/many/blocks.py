@@ -222,3 +222,19 @@ def keeper(kind: Kind) -> Any:
 
     own_episode, own_task_state = own.keep_episode, own.keep_task_state
     return kind.xp.function(keep)
+
+
+def companions(kind: Kind, accompany: Any) -> Any:
+    """``beside(block, k, shared, elapsed)``: a substep of what the task moves beside car k, if it does."""
+
+    def nothing(block: Any, k: Any, shared: Any, elapsed: Any) -> None:
+        pass
+
+    def beside(block: Any, k: Any, shared: Any, elapsed: Any) -> None:
+        mine, state, episode = own.world(block, k, shared), own.state(block, k), own.episode(block, k)
+        own.keep_task_state(block, k, law(state, episode, elapsed, mine))
+
+    if accompany is None:
+        return kind.xp.function(nothing)
+    own, law = access(kind), kind.xp.function(accompany)
+    return kind.xp.function(beside)

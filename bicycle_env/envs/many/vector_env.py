@@ -377,7 +377,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         info = {"end": end, "cost": values[1], "is_success": flags[2]}
         info |= {name: self._rows.column(name) for name in self.task.told}
         if self.telemetry:
-            info |= telemetry(self.state, self.measure(), self._rows.cars(self.fleet)[0])
+            info |= telemetry(self.state, self.measure())
         here = flags[3] if rows is None else rows.copy()
         return {**info, **{f"_{name}": here for name in info}}
 

@@ -310,7 +310,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             state = self.state
             info |= {name: getattr(state, name) for name in self.task.told}
         if self.telemetry:
-            info |= telemetry(self.state, self.measure(), self._car)
+            info |= telemetry(self.state, self.measure())
         return info
 
     @property

@@ -11,7 +11,7 @@ from types import FunctionType
 from typing import Any, NamedTuple
 
 from bicycle_env.envs.fleet import Fleet
-from bicycle_env.envs.telemetry import PEAKS
+from bicycle_env.envs.telemetry import MOMENT
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import array_namespace
 from bicycle_env.tasks.control_step import car_of_the_moment, parts
@@ -96,7 +96,7 @@ def torch_kernels(
     per_scale = tensor(1.0 / fleet.observation_scale)
     bound = torch.tensor(configuration.observation_bound, device=device)
     times = tensor(task.preview_times).unsqueeze(1)
-    begin, advance, finish = parts(xp, task, model, configuration.reward)
+    begin, advance, finish, accompany = parts(xp, task, model, configuration.reward)
     complete, start_law, reference_law, cost_law = model.complete(xp), task.start(xp), task.reference(xp), task.cost(xp)
     observe, preview = task.observe(xp), task.preview(xp)
     changing = task.conditions(xp) is not None
@@ -135,18 +135,24 @@ def torch_kernels(
         pair = (steers[0] * rules.steers_front, steers[-1] * rules.steers_rear)
         return finite, pair, *begin(before.state, before.episode, pair, world)
 
-    def substep(state: Any, episode: EpisodeState, command: tuple[Tensor, Tensor], elapsed: Any) -> Any:
-        return advance(state, episode, command, elapsed, world)
+    def substep(
+        state: Any, episode: EpisodeState, command: tuple[Tensor, Tensor], elapsed: Any
+    ) -> tuple[Any, EpisodeState]:
+        moved = advance(state, episode, command, elapsed, world)
+        if accompany is not None:
+            episode = episode._replace(task_state=accompany(state, episode, elapsed, world))
+        return moved, episode
 
     def conclude(
         before: Episodes,
         state: Any,
+        along: EpisodeState,
         finite: Tensor,
         pair: tuple[Tensor, Tensor],
         command: tuple[Tensor, Tensor],
         number: Tensor,
     ) -> tuple[Episodes, Tensor]:
-        episode, reward, end, _ = finish(state, before.episode, pair, command, number, world)
+        episode, reward, end, _ = finish(state, along, pair, command, number, world)
         after = Episodes(state, episode, end.to(torch.int8), episode.steps >= step_limit)
         stopped = before._replace(end=INVALID_ACTION, timed_out=False)
         forfeit = 0.0 if forfeit_law is None else forfeit_law(before.episode.steps, car, rules)
@@ -168,8 +174,8 @@ def torch_kernels(
         reference = reference_law(episodes.state, episodes.episode.task_state, world)
         references = {f"reference_{name}": zero + value for name, value in reference._asdict().items()}
         clear = clearance_law(episodes.state, reference, episodes.episode, world)
-        peaks = {name: zero + getattr(now, name) for name in PEAKS}
-        return {**acting._asdict(), **references, **peaks, "clearance": clear}
+        present = {name: zero + getattr(now, name) for name in MOMENT}
+        return {**acting._asdict(), **references, **present, "clearance": clear}
 
     if compiled:  # one substep: the whole step, unrolled, would take the compiler minutes
         restart, prepare, substep, conclude, look = (
@@ -178,11 +184,11 @@ def torch_kernels(
 
     def step(before: Episodes, action: Tensor) -> tuple[Episodes, Tensor]:
         finite, pair, command, number = prepare(before, action)
-        state, elapsed = before.state, start_of_step
+        state, episode, elapsed = before.state, before.episode, start_of_step
         for _ in range(int(rules.substeps)):
-            state = substep(state, before.episode, command, elapsed)
+            state, episode = substep(state, episode, command, elapsed)
             elapsed = elapsed + physics_timestep if changing else elapsed
-        return conclude(before, state, finite, pair, command, number)
+        return conclude(before, state, episode, finite, pair, command, number)
 
     return TorchKernels(start, step, restart, completed, refill, look, measure, world)
 

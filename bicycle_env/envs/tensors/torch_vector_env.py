@@ -349,7 +349,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         info = {"end": episodes.end.clone(), "cost": cost, "is_success": self._success(episodes)}
         info |= {name: getattr(episodes.episode.task_state, name).clone() for name in self.task.told}
         if self.telemetry:
-            info |= telemetry_of(episodes.state, self._kernels.measure(episodes), self._kernels.world.car)
+            info |= telemetry_of(episodes.state, self._kernels.measure(episodes))
         here = self._torch.ones_like(episodes.timed_out) if rows is None else rows.clone()
         return observation, {**info, **{f"_{name}": here for name in info}}
 
