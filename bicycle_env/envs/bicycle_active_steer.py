@@ -93,11 +93,11 @@ class BicycleActiveSteerEnv(SingleTrackEnv):
 
     ## Info
 
-    `end` (a string) and `cost` (1.0 while a corner of the body is outside of the area, else 0.0). With
+    `end` (a string), `cost` (1.0 while a corner of the body is outside of the area, else 0.0) and `is_success`. With
     `telemetry=True` also: front_slip_angle, rear_slip_angle [rad], front_lateral_force, rear_lateral_force [N],
     lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2], sideslip [rad], front_saturation,
     rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error [m], heading_error [rad], clearance
-    (from the edge of the area to the nearest corner of the body) [m], is_success.
+    (from the edge of the area to the nearest corner of the body) [m].
 
     ## Arguments
 
@@ -118,7 +118,7 @@ class BicycleActiveSteerEnv(SingleTrackEnv):
     | reward | `"default"` | `"default"`, `"quadratic"`, a `rewards.Reward` or its dict |
     | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 300, by default |
     | randomise | `None` | parameters drawn for each episode: `{"friction": (0.3, 1.0)}`, `(0.9, 1.2, "relative")` |
-    | disturbances | `()` | on the way: `Gust`, `FrictionStep`, `StiffnessLoss` of `bicycle_env.disturbances` |
+    | disturbances | `()` | of `bicycle_env.disturbances`: `Gust`, `IcePatch`, `FrictionStep`, `StiffnessLoss` |
     | driver | `None` | at the front wheels: one of `bicycle_env.drivers`, or a name: `"step"`, `"preview"`, ... |
     | action_delay | `0` | control steps until an action acts |
     | observation_delay | `0` | how many control steps ago the observations are of |
