@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 import itertools
+import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -57,7 +58,8 @@ class Gates(Stabilise):
 def gusty(monkeypatch):
     monkeypatch.syspath_prepend(str(EXAMPLES))
     task = importlib.import_module("my_task").Gusty()
-    gym.registry.pop("Mine/Gusty-v0", None)
+    sys.modules.pop("my_task")  # another test imports it to register it
+    gym.registry.pop("Mine/Gusty-v0")
     return task
 
 
