@@ -60,6 +60,8 @@ def assert_same_arrays(mine, theirs):
 @pytest.mark.parametrize("env_id", IDS)
 def test_it_is_dummy_vec_env_with_the_single_environments(env_id, telemetry):
     keywords = {"max_episode_steps": 60, "telemetry": telemetry}
+    if env_id == "BicycleDoubleLaneChange-v0":
+        keywords["speed"] = 13.0  # at which some are still before the cones when the time is over
     mine, theirs = native(env_id, **keywords), singles(env_id, **keywords)
     mine.seed(3)
     theirs.seed(3)
