@@ -22,7 +22,7 @@ help:
 	@echo "make lane-change         learn the lane change with five seeds: runs/BicycleLaneChange-v0-ppo.json (6 minutes)"
 	@echo "make controllers         all classical controllers on both tasks: runs/controllers_*.json"
 	@echo "make headroom            LQR as shipped, tuned for the condition, best found, bound: runs/headroom.json, .png (15 minutes)"
-	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json (10 minutes)"
+	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json"
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
 	@echo "make tensors             TorchVectorEnv beside the native environment: runs/torch_env.json"

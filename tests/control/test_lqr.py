@@ -242,7 +242,7 @@ def test_previews_of_any_length(keywords):
 @pytest.mark.parametrize("steer", STEERS)
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_linear_closed_loop_is_stable(env_id, steer):
-    policy = LQR(gym.make(env_id, steer=steer).unwrapped)
+    policy = LQR(gym.make(env_id, steer=steer, vehicle="oversteer", speed_ratio=1.2).unwrapped)
     closed = policy.model.A - policy.model.B @ policy.gain
     assert np.max(np.abs(np.linalg.eigvals(closed))) < 1.0
     assert np.max(np.abs(np.linalg.eigvals(policy.model.A))) > 1.0

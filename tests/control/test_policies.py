@@ -110,7 +110,7 @@ def test_the_mirror_image_is_steered_the_other_way(name, steer, env_id):
 @pytest.mark.parametrize(("env_id", "name", "steer"), DRIVES)
 def test_every_policy_drives(name, steer, env_id):
     """A slow car that is stable by itself: nobody throws it off the road."""
-    env = gym.make(env_id, steer=steer, speed_ratio=0.5, horizon=None).unwrapped
+    env = gym.make(env_id, steer=steer, vehicle="oversteer", speed_ratio=0.5, horizon=None).unwrapped
     policy = control.make(name, env)
     assert policy.name == name
     observation, _ = env.reset(seed=3, options={"state": {"lateral_position": 0.2, "heading": 0.005}})
