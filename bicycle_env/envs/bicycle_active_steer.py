@@ -93,7 +93,7 @@ class BicycleActiveSteerEnv(SingleTrackEnv):
 
     ## Info
 
-    `end` (a string), `cost` (1.0 while a corner of the body is outside of the area, else 0.0) and `is_success` (so far).
+    `end` (a string), `cost` (1.0 while a corner of the body is outside of the area, else 0.0), `is_success` (so far).
     With `telemetry=True` also: front_slip_angle, rear_slip_angle [rad], front_lateral_force, rear_lateral_force [N],
     lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2], sideslip [rad], front_saturation,
     rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error [m], heading_error [rad], clearance
