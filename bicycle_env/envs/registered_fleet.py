@@ -63,5 +63,5 @@ def fleet_of(
     given = dict(keywords)
     allowed = [name for name in keyword_names(env_class) if name not in ONE_CAR]
     known_keys("keyword", given, allowed, TypeError)
-    setup = taken_from(given)
+    setup = taken_from(given, env_class.default_task.defaults)
     return configure_fleet(Origin(make_task(env_class, given), setup, time_limit), num_envs, varied)

@@ -48,17 +48,23 @@ ADDED = ("randomise", "disturbances", "driver", "action_delay", "observation_del
 """Those that are added to a task: the arguments of ``tasks.options.altered``."""
 
 
-def taken_from(keywords: dict[str, Any]) -> Setup:
-    """The setup of some keywords; they are taken out, and what is left is the task's."""
-    return Setup(**{name: keywords.pop(name) for name in NAMES if name in keywords})
+def taken_from(keywords: dict[str, Any], defaults: Mapping[str, Any]) -> Setup:
+    """The setup of some keywords, the task's `defaults` where they say nothing.
+
+    They are taken out, and what is left is the task's.
+    """
+    return Setup(**{**defaults, **{name: keywords.pop(name) for name in NAMES if name in keywords}})
 
 
-def shown_in(init: Any) -> Any:
-    """Let an ``__init__(self, *, ..., **keywords)`` show the fields of Setup in its signature, before its own."""
-    own = list(inspect.signature(init).parameters.values())
+def shown(signature: inspect.Signature, defaults: Mapping[str, Any]) -> inspect.Signature:
+    """What a class that takes ``**keywords`` shows: the fields of Setup, with a task's defaults, before its own."""
     fields = [
-        inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=field.type)
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=defaults.get(field.name, field.default),
+            annotation=field.type,
+        )
         for field in dataclasses.fields(Setup)
     ]
-    init.__signature__ = inspect.Signature([own[0], *fields, *own[1:]])
-    return init
+    return inspect.Signature([*fields, *signature.parameters.values()])

@@ -102,6 +102,10 @@ class AlteredTask(Task):
         return self.task.options
 
     @property
+    def defaults(self) -> Mapping[str, Any]:  # type: ignore[override]
+        return self.task.defaults
+
+    @property
     def rewards(self) -> Any:  # type: ignore[override]
         return self.task.rewards
 

@@ -65,6 +65,8 @@ class Task(abc.ABC):
     """The words in ``info["end"]`` for the codes 1, 2, 4, 5, ... of :meth:`end`; 3 is the environments' own."""
     options: ClassVar[Mapping[str, Allowed]] = {}
     """Reset options of the task beside ``state``."""
+    defaults: ClassVar[Mapping[str, Any]] = {}
+    """Keywords of the environments whose default is another one for this task, such as ``{"vehicle": "tsx"}``."""
 
     rewards: ClassVar[Mapping[str, Reward]]
     """By the names that ``reward=`` takes: "default" and "quadratic"; the latter is also the cost that controllers get

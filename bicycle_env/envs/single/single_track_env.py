@@ -20,7 +20,7 @@ from bicycle_env.envs.fleet import CAR_OPTIONS, Origin, configure_alike, with_op
 from bicycle_env.envs.many.block_kernels import BAD_ACTION
 from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_layout
 from bicycle_env.envs.many.rows import Rows
-from bicycle_env.envs.setup import NAMES, shown_in, taken_from
+from bicycle_env.envs.setup import NAMES, shown, taken_from
 from bicycle_env.envs.single import kernels
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
@@ -65,9 +65,14 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     default_task: ClassVar[Task]
     """The task without keywords of its own; these change its fields."""
 
-    @shown_in
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        cls.__signature__ = shown(  # type: ignore[attr-defined]
+            inspect.signature(SingleTrackEnv), getattr(cls, "default_task", Task).defaults
+        )
+
     def __init__(self, *, telemetry: bool = False, render_mode: str | None = None, **task_keywords: Any) -> None:
-        setup = taken_from(task_keywords)
+        setup = taken_from(task_keywords, self.default_task.defaults)
         self._fleet = configure_alike(Origin(make_task(type(self), task_keywords), setup, None))
         configuration = self._fleet.configuration
         self._adopt(configuration)
