@@ -1,6 +1,6 @@
 """Reinforcement learning and control of a car at and beyond its stability limit.
 
-Importing this package registers ``BicycleStab-v0`` and ``BicycleLaneChange-v0`` with Gymnasium.
+Importing this package registers ``BicycleStab-v0``, ``BicycleLaneChange-v0`` and ``BicycleEvade-v0`` with Gymnasium.
 """
 
 from typing import Any

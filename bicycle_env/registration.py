@@ -29,6 +29,12 @@ ENVIRONMENTS = (
         "bicycle_env.envs.bicycle_lane_change:BicycleLaneChangeVectorEnv",
         300,
     ),
+    Row(
+        "BicycleEvade-v0",
+        "bicycle_env.envs.bicycle_evade:BicycleEvadeEnv",
+        "bicycle_env.envs.bicycle_evade:BicycleEvadeVectorEnv",
+        340,
+    ),
 )
 
 

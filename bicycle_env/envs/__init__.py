@@ -1,7 +1,8 @@
 """Gymnasium environments over the tasks and the physics."""
 
+from bicycle_env.envs.bicycle_evade import BicycleEvadeEnv
 from bicycle_env.envs.bicycle_lane_change import BicycleLaneChangeEnv
 from bicycle_env.envs.bicycle_stab import BicycleStabEnv
 from bicycle_env.envs.tensors.torch_vector_env import TorchVectorEnv
 
-__all__ = ["BicycleLaneChangeEnv", "BicycleStabEnv", "TorchVectorEnv"]
+__all__ = ["BicycleEvadeEnv", "BicycleLaneChangeEnv", "BicycleStabEnv", "TorchVectorEnv"]

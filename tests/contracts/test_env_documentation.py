@@ -14,6 +14,7 @@ from bicycle_env.envs.configuration import DEFAULT_SPEED
 from bicycle_env.envs.single.single_track_env import keyword_names
 from bicycle_env.physics.car import CarState
 from bicycle_env.registration import ENVIRONMENTS
+from bicycle_env.tasks import evade as evasion
 from bicycle_env.tasks.lane_change import DURATION
 
 
@@ -44,7 +45,7 @@ class Documented:
         """Keyword -> default, from the signatures."""
         own = {
             name: parameter.default
-            for name, parameter in inspect.signature(self.cls.__init__).parameters.items()
+            for name, parameter in inspect.signature(self.cls).parameters.items()
             if parameter.kind is parameter.KEYWORD_ONLY
         }
         task = {
@@ -70,6 +71,11 @@ def stab():
 @pytest.fixture
 def lane_change():
     return Documented(ENVIRONMENTS[1])
+
+
+@pytest.fixture
+def evade():
+    return Documented(next(row for row in ENVIRONMENTS if row.id == "BicycleEvade-v0"))
 
 
 def test_every_section_is_there(page):
@@ -162,6 +168,7 @@ def test_the_table_of_observations(page):
             listed.append(row)
     scales = {
         "0.2 x speed": 0.2 * env.speed,
+        "speed": env.speed,
         "front angle limit": env.front_actuator.angle_limit,
         "rear angle limit": env.rear_actuator.angle_limit,
     }
@@ -176,16 +183,19 @@ def test_the_table_of_observations(page):
         assert entry.scale == scale
         assert float(row["Bound"]) == entry.bound == bound, row
     assert f"`Box({len(listed)},)`" in page.section("Observation space")
-    assert (env.observation_mirror == -1.0).all()
-    page.has("All entries change sign in the mirror image")
+    *first, last = [entry.name for entry in env.observation_entries if entry.mirror > 0.0] or [""]
+    page.has(
+        "All entries change sign in the mirror image" + (f", but for {', '.join(first)} and {last}." if last else ".")
+    )
 
 
 def test_the_table_of_actions(page):
     env = page.env
     actuators = (env.front_actuator, env.rear_actuator)
-    rows = page.table("Action space")
-    assert [row["Action"] for row in rows] == list(env.linear_model().input_names)
-    for k, (row, actuator) in enumerate(zip(rows, actuators, strict=True)):
+    rows, names = page.table("Action space"), env.linear_model().input_names
+    assert [row["Action"] for row in rows] == list(names)
+    steered = [actuators[name.startswith("rear")] for name in names]
+    for k, (row, actuator) in enumerate(zip(rows, steered, strict=True)):
         assert int(row["Num"]) == k
         assert row["1 means (default actuators)"] == f"{math.degrees(actuator.angle_limit):g} deg at the road wheels"
     assert f"`Box(-1, 1, {env.action_space.shape}, float32)`" in page.section("Action space")
@@ -225,10 +235,10 @@ def test_the_quadratic_reward(page):
         rules.front_steer_cost,
         rules.rear_steer_cost,
     )
-    commands = (rules.front_command_cost, rules.rear_command_cost)
+    commands = [getattr(rules, name.replace("_steer_command", "_command_cost")) for name in model.input_names]
     page.has(f"Q = diag({', '.join(map(str, costs))}), R = diag({', '.join(map(str, commands))})")
     assert tuple(model.Q.diagonal()) == costs
-    assert tuple(model.R.diagonal()) == commands
+    assert list(model.R.diagonal()) == commands
     order = re.search(r"x = \(([^)]*)\)", page.text).group(1).replace("lateral_error", "lateral_position")
     assert tuple(order.replace("heading_error", "heading").split(", ")) == model.state_names
 
@@ -281,6 +291,45 @@ def test_the_tolerances_of_the_lane_change(lane_change):
         f"within {within.lateral} m of the new lane's middle with |heading| < {within.heading}, "
         f"|sideslip| < {within.sideslip} and |yaw rate| < {within.yaw_rate} rad/s"
     )
+
+
+def test_the_numbers_of_the_evasion(evade):
+    env, rules, task, within = evade.env, evade.env.reward, evade.env.task, evade.env.task.tolerances
+    evade.has(
+        f"c = {rules.outside_weight} max(0, {rules.margin} - d)^2 + {rules.sideslip_weight} beta^2 + "
+        f"{rules.yaw_rate_weight} r^2 + {rules.effort_weight} |u|^2 + {rules.smoothness_weight} |du|^2"
+    )
+    evade.has(f"{rules.settling_weight} (psi^2 + beta^2 + 0.25 r^2) more")
+    evade.has(f"and {rules.share_after_touch} of it after a touch")
+    start = evasion.START
+    evade.has(
+        f"lateral_position in +-{start['lateral_position']} m, heading in +-{start['heading']} rad, sideslip in "
+        f"+-{start['sideslip']} rad, yaw_rate in +-{start['yaw_rate']} rad/s, friction {task.relative_friction[0]} to "
+        f"{task.relative_friction[1]} of the nominal one"
+    )
+    rows = evade.table("Description")
+    for row, name in zip(rows, ("obstacle_time", "obstacle_length", "return_time"), strict=False):
+        low, high = getattr(task, name)
+        assert row["until"].endswith(f", {low:g} to {high:g} s")
+    evade.has(f"Two lanes are {evasion.LANE_WIDTH} m wide each")
+    evade.has(f"{task.judged_points} points along each side")
+    evade.has(f"more than {evasion.FAR_OUTSIDE} m outside")
+    evade.has(
+        f"whole last {task.settled_seconds} s, |heading| < {within.heading}, |sideslip| < {within.sideslip} and "
+        f"|yaw rate| < {within.yaw_rate} rad/s"
+    )
+    assert env.steer == "front"
+
+
+def test_the_options_of_the_evasion(evade):
+    found = re.search(r"`reset\(options=(\{.*?\})\)`", evade.text.replace("{...}", "{}")).group(1)
+    options = ast.literal_eval(found)
+    assert set(options) == {"state", *evade.env.task.options}
+    evade.env.reset(options=options)
+    for name, value in options.items():
+        if name not in ("state", "side"):
+            assert getattr(evade.env.state, name) == value
+    assert evade.env.state.side == 1.0
 
 
 def test_the_peak_acceleration_of_the_path(lane_change):

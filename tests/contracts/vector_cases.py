@@ -8,7 +8,7 @@ import numpy as np
 from bicycle_env.registration import ENVIRONMENTS
 
 IDS = [row.id for row in ENVIRONMENTS]
-STAB, LANE_CHANGE = "BicycleStab-v0", "BicycleLaneChange-v0"
+STAB, LANE_CHANGE, EVADE = "BicycleStab-v0", "BicycleLaneChange-v0", "BicycleEvade-v0"
 FEW, MANY = 11, 190
 """Rows in short and in long blocks, the last block not full."""
 TIME_LIMIT = 60
@@ -35,8 +35,10 @@ COMBINATIONS = [
     Combination(LANE_CHANGE, "fiala", "small_angle", "quadratic", MANY, True),
     Combination(STAB, "magic_formula", "exact", "quadratic", FEW, True),
     Combination(LANE_CHANGE, "magic_formula", "small_angle", "default", MANY, False),
+    Combination(EVADE, "fiala", "exact", "default", FEW, True),
+    Combination(EVADE, "linear", "small_angle", "quadratic", MANY, False),
 ]
-"""Every pair of values of two columns stands in one of these rows; compiling all 128 would take minutes."""
+"""Every pair of values of two columns stands in one of the first rows; compiling all 128 would take minutes."""
 
 
 def some_rows(num_envs):
