@@ -4,6 +4,9 @@ import itertools
 
 import pytest
 
+ON_ROADS = ("BicycleStab-v0", "BicycleLaneChange-v0")
+"""Ids whose car is the nominal one and whose task is a place on the road: what the linear controllers are for."""
+
 
 def only_all(*values):
     """A row of parameters for `make test-all`."""

@@ -7,6 +7,7 @@ import inspect
 from typing import Any
 
 from bicycle_env.control.driver import DRIVERS
+from bicycle_env.control.evade_path import EvadePath
 from bicycle_env.control.four_wheel_steer import COMBINATIONS, REAR_LAWS, driver_and_law
 from bicycle_env.control.lqg import LQG
 from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR
@@ -24,6 +25,7 @@ CLASSES: tuple[type[Policy], ...] = (
     LQG,
     MPC,
     *DRIVERS.values(),
+    EvadePath,
 )
 POLICIES: dict[str, Any] = {policy.name: policy for policy in CLASSES}
 """Name -> class of the controllers that are made from an environment alone."""

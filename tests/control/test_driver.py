@@ -5,15 +5,15 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+from combinations import ON_ROADS
 
 from bicycle_env import analysis, vehicles
 from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.control.design.path import path_ahead
 from bicycle_env.control.driver import DRIVERS, Preview, Stanley, held_control
 from bicycle_env.physics.actuators import Actuator
-from bicycle_env.registration import ENVIRONMENTS
 
-IDS = [row.id for row in ENVIRONMENTS]
+IDS = list(ON_ROADS)
 STABILISE, LANE_CHANGE = "BicycleStab-v0", "BicycleLaneChange-v0"
 UNDERSTEER = {"vehicle": "understeer", "speed": 22.0}
 

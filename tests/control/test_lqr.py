@@ -7,15 +7,15 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+from combinations import ON_ROADS
 
 from bicycle_env import analysis, vehicles
 from bicycle_env.analysis.linear_model import continuous_model, rk4_map
 from bicycle_env.control.design.gains import continuous_gain, discrete_gain, preview_gain
 from bicycle_env.control.lqr import LQR, Weights, read_weights, tuned_weights
 from bicycle_env.physics.actuators import FRONT, REAR
-from bicycle_env.registration import ENVIRONMENTS
 
-IDS = [row.id for row in ENVIRONMENTS]
+IDS = list(ON_ROADS)
 STEERS = ("front", "rear", "both")
 
 

@@ -8,23 +8,35 @@ from combinations import only_all
 from bicycle_env import control
 from bicycle_env.registration import ENVIRONMENTS
 
-IDS = [row.id for row in ENVIRONMENTS]
+IDS, EVADE = [row.id for row in ENVIRONMENTS], "BicycleEvade-v0"
 STEERS = ("front", "rear", "both")
 ODD = [name for name in control.NAMES if name != "zero"]
 
 
-def cannot_drive(name, steer):
-    """A driver sits at the front wheels; a rear-steer law needs both axles."""
+def env_for(name):
+    return gym.make(EVADE if name == "evade-path" else "BicycleStab-v0")
+
+
+def cannot_drive(name, steer, env_id):
+    """A driver sits at the front wheels; a rear-steer law needs both axles; who goes round obstacles needs some."""
+    if name == "evade-path":
+        return env_id != EVADE
     return ("+" in name and steer != "both") or (name in control.DRIVERS and steer == "rear")
 
 
 SOON = ("zero", "lqr", "pole-placement", "preview+sano")
 """Policies that `make test` drives with every steer mode; the others with both axles or the front one, on one task."""
-CASES = [(name, steer) for name in control.NAMES for steer in STEERS if not cannot_drive(name, steer)]
+CASES = [
+    (env_id, name, steer)
+    for env_id in IDS
+    for name in (*control.NAMES, "network")
+    for steer in STEERS
+    if not cannot_drive(name, steer, env_id)
+]
 DRIVES = [
-    row if row[1] in SOON or (row[0] == IDS[k % 2] and row[2] != "rear") else only_all(*row)
+    row if row[1] in (*SOON, "evade-path") or (row[0] == IDS[k % 2] and row[2] != "rear") else only_all(*row)
     for k, name in enumerate(control.NAMES)
-    for row in ((env_id, name, steer) for env_id in IDS for steer in STEERS if not cannot_drive(name, steer))
+    for row in ((env_id, name, steer) for env_id in IDS for steer in STEERS if not cannot_drive(name, steer, env_id))
 ]
 
 
@@ -42,8 +54,7 @@ def policy_of(name, env):
     return network(env, env.action_space.shape[0]) if name == "network" else control.make(name, env)
 
 
-@pytest.mark.parametrize("env_id", IDS)
-@pytest.mark.parametrize(("name", "steer"), [*CASES, *(("network", steer) for steer in STEERS)])
+@pytest.mark.parametrize(("env_id", "name", "steer"), CASES)
 def test_one_observation_and_many(name, steer, env_id):
     env = gym.make(env_id, steer=steer).unwrapped
     policy = policy_of(name, env)
@@ -108,7 +119,7 @@ def test_every_policy_drives(name, steer, env_id):
 
 @pytest.mark.parametrize("name", [name for name in ODD if name not in control.DRIVERS])
 def test_who_knows_its_model(name):
-    policy = control.make(name, gym.make("BicycleStab-v0"))
+    policy = control.make(name, env_for(name))
     assert policy.model.A.shape == (6, 6)
     assert policy.model.state_names[2] == "lateral_velocity"
 
@@ -126,12 +137,12 @@ def test_zero_steers_nothing():
 
 
 def test_names_are_those_of_the_classes():
-    env = gym.make("BicycleStab-v0")
     for name, cls in control.POLICIES.items():
+        env = env_for(name)
         assert cls.name == name
         assert isinstance(control.make(name, env), cls)
         assert isinstance(control.make(name, env.unwrapped), cls), "wrapped or not"
-    combined = control.make("preview+sano", env)
+    combined = control.make("preview+sano", gym.make("BicycleStab-v0"))
     assert isinstance(combined, control.DriverAndLaw)
     assert (combined.driver.name, combined.law.name) == ("preview", "sano")
     assert set(control.NAMES) - set(control.POLICIES) == {

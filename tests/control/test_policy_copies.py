@@ -11,10 +11,10 @@ from bicycle_env import control
 from bicycle_env.control import LQG, Network
 from bicycle_env.control.design.estimation import Noise
 
-ENV = gym.make("BicycleStab-v0").unwrapped
+ENV, EVADE = (gym.make(env_id).unwrapped for env_id in ("BicycleStab-v0", "BicycleEvade-v0"))
 WAYS = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda policy: pickle.loads(pickle.dumps(policy))}
 WIDTH = len(ENV.observation_names)
-OBSERVATIONS = np.random.default_rng(0).uniform(-0.2, 0.2, (6, WIDTH)).astype(np.float32)
+OBSERVATIONS = np.random.default_rng(0).uniform(-0.2, 0.2, (6, len(EVADE.observation_names))).astype(np.float32)
 
 
 def make(name):
@@ -26,7 +26,7 @@ def make(name):
     if name == "network":
         layers = [(np.full((4, WIDTH), 0.1), np.zeros(4)), (np.full((2, 4), 0.1), np.zeros(2))]
         return Network(layers, "relu", "clip", {"observation_names": list(ENV.observation_names)})
-    return control.make(name, ENV)
+    return control.make(name, EVADE if name == "evade-path" else ENV)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -34,20 +34,22 @@ def make(name):
 def test_a_copy_goes_on_as_the_original(name, way):
     policy = make(name)
     policy.reset()
-    for observation in OBSERVATIONS[:3]:
+    seen = OBSERVATIONS if name == "evade-path" else OBSERVATIONS[:, :WIDTH]
+    for observation in seen[:3]:
         policy.act(observation)
     other = WAYS[way](policy)
-    actions = [policy.act(observation) for observation in OBSERVATIONS[3:]]  # the original first: nothing is shared
-    assert [action.tolist() for action in actions] == [other.act(row).tolist() for row in OBSERVATIONS[3:]]
+    actions = [policy.act(observation) for observation in seen[3:]]  # the original first: nothing is shared
+    assert [action.tolist() for action in actions] == [other.act(row).tolist() for row in seen[3:]]
     if name in ("mpc", "lqg"):
         other.reset()
-        assert other.act(OBSERVATIONS[3]).tolist() != actions[0].tolist(), "it remembers nothing, so this test is empty"
+        assert other.act(seen[3]).tolist() != actions[0].tolist(), "it remembers nothing, so this test is empty"
 
 
 class Fleet:
     """A vector environment with cars that differ, as the controllers see it."""
 
-    def __init__(self):
+    def __init__(self, env=ENV):
+        self.env = env
         self.vehicle, self.speed = (ENV.vehicle,) * 2, np.array([40.0, 45.0])
 
     @property
@@ -55,7 +57,7 @@ class Fleet:
         return self
 
     def __getattr__(self, name):
-        return getattr(ENV, name)
+        return getattr(self.env, name)
 
     def linear_model(self, quasi_static=False):
         raise ValueError("the cars of this environment differ")
@@ -66,4 +68,4 @@ def test_cars_that_differ_are_refused_alike(name):
     if name == "mpc":
         pytest.importorskip("casadi")
     with pytest.raises(ValueError, match="the cars of this environment differ"):
-        control.make(name, Fleet())
+        control.make(name, Fleet(EVADE if name == "evade-path" else ENV))
