@@ -65,7 +65,7 @@ class BicycleEvadeEnv(SingleTrackEnv):
 
     ## Reward
 
-    `reward="default"`: 1 / (1 + c), in (0, 1], and 0.3 of it after a touch; with the clearance d (from the corridor's
+    `reward="default"`: 1 / (1 + c), in (0, 1], and 0.1 of it after a touch; with the clearance d (from the corridor's
     edge to the nearest point), the sideslip beta and yaw rate r after the step, the action u and its change du:
 
         c = 10.0 max(0, 0.2 - d)^2 + 10.0 beta^2 + 0.2 r^2 + 0.05 |u|^2 + 0.2 |du|^2

@@ -86,7 +86,7 @@ class FreeRoad(Reward):
     smoothness_weight: float = 0.2
     settling_weight: float = 40.0
     """Of heading, sideslip and a half of the yaw rate, behind the last gate."""
-    share_after_touch: float = 0.3
+    share_after_touch: float = 0.1
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

@@ -22,9 +22,11 @@ import bicycle_env  # noqa: F401  (registers the environments)
 from bicycle_env.envs.many.blocks import best_length
 
 FILE = Path(__file__).parent / "hashes.json"
-STAB, LANE_CHANGE = "BicycleStab-v0", "BicycleLaneChange-v0"
+STAB, LANE_CHANGE, EVADE = "BicycleStab-v0", "BicycleLaneChange-v0", "BicycleEvade-v0"
 CARS, STEPS, TIME_LIMIT, SEED = 4, 400, 60, 20
 BLOCKS = (4, 8, 64)
+OWN_LIMIT = {EVADE: 200}
+"""The obstacle comes late."""
 
 
 class Rollout(NamedTuple):
@@ -67,6 +69,10 @@ ROLLOUTS = [
     Rollout(LANE_CHANGE, "tanh", "exact", "default", True, "float32"),
     Rollout(STAB, "fiala", "exact", "default", False, "float32"),
     Rollout(LANE_CHANGE, "magic_formula", "small_angle", "quadratic", True, "float32"),
+    # A corridor that changes along the road, hidden friction, five points along each side.
+    Rollout(EVADE, "fiala", "exact", "default", False),
+    Rollout(EVADE, "tanh", "small_angle", "quadratic", True),
+    Rollout(EVADE, "magic_formula", "exact", "default", True, "float32"),
 ]
 OWN = {
     "vehicle": ("oversteer", "me303", "oversteer", "civic"),
@@ -94,7 +100,8 @@ def keywords_of(rollout):
         "tire": rollout.tire,
         "geometry": rollout.geometry,
         "reward": rollout.reward,
-        "max_episode_steps": TIME_LIMIT,
+        "max_episode_steps": OWN_LIMIT.get(rollout.id, TIME_LIMIT),
+        "steer": "both",
     }
     return (shared, OWN) if rollout.varied else ({**shared, "speed": SPEED}, {})
 

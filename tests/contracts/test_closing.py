@@ -26,7 +26,7 @@ def refused(*attempts):
 @pytest.mark.parametrize("started", ["not started", "running", "over"])
 @pytest.mark.parametrize("env_id", IDS)
 def test_one_car(env_id, started):
-    env = gym.make(env_id).unwrapped
+    env = gym.make(env_id, steer="both").unwrapped
     if started != "not started":
         env.reset(seed=0, options={"state": {"yaw_rate": 1.9, "heading": 1.19} if started == "over" else {}})
         assert env.step(STILL)[2] == (started == "over")

@@ -27,6 +27,12 @@ def values(*bad, error=ValueError):
     return [(value, error) for value in bad]
 
 
+def a_range(*bad):
+    return values(*bad, (math.nan, 1.0)) + values(
+        None, 1.0, "low", (0.1,), (0.1, 0.2, 0.3), ("0.1", 0.2), error=TypeError
+    )
+
+
 POSITIVE = values(*NOT_FINITE, 0.0, 0, -1.0) + values(*NO_NUMBERS, error=TypeError)
 REQUIRED = POSITIVE + values(None, error=TypeError)
 AN_ACTUATOR = values(None, 0.1, "front", (0.1, 0.7, 0.05), {"angle_limit": "0.1"}, Actuator, error=TypeError)
@@ -62,6 +68,11 @@ BAD = {
     "lane_width": REQUIRED,
     "preview_length": values(*NOT_FINITE, -0.1) + values(*NO_NUMBERS, None, error=TypeError),
     "preview_spacing": REQUIRED,
+    "side": values("", "up", "Left") + values(None, 1, -1.0, error=TypeError),
+    "relative_friction": a_range((0.0, 1.0), (0.5, 2.1), (1.0, 0.9)),
+    "obstacle_time": a_range((0.1, 1.0), (1.0, 2.6), (1.0, 0.9)),
+    "obstacle_length": a_range((0.0, 0.5), (0.5, 1.6), (0.6, 0.5)),
+    "return_time": a_range((0.1, 1.0), (1.0, 2.3), (1.0, 0.9)),
 }
 
 CASES = [

@@ -46,6 +46,14 @@ BAD_OPTIONS = [
     ("state", TypeError, "options must be a mapping"),
     (3, TypeError, "options must be a mapping"),
 ]
+BAD_EVADE = [
+    ({"side": "up"}, ValueError, "side.*'left', 'right', got 'up'"),
+    ({"relative_friction": 0.0}, ValueError, "relative_friction"),
+    ({"obstacle_time": 2.6}, ValueError, "obstacle_time"),
+    ({"obstacle_length": "long"}, TypeError, "obstacle_length"),
+    ({"return_time": math.nan}, ValueError, "return_time"),
+    ({"direction": "left"}, ValueError, "unknown reset option 'direction'"),
+]
 BAD_LANE_CHANGE = [
     ({"direction": "up"}, ValueError, "direction.*'left', 'right', got 'up'"),
     ({"direction": "lefft"}, ValueError, "did you mean 'left'"),
@@ -63,6 +71,7 @@ BAD_LANE_CHANGE = [
 ]
 CASES = [(env_id, *case) for env_id in IDS for case in BAD_OPTIONS]
 CASES += [(LANE_CHANGE, *case) for case in BAD_LANE_CHANGE]
+CASES += [("BicycleEvade-v0", *case) for case in BAD_EVADE]
 CASES += [(LANE_CHANGE, {"direction": ["left", "right"]}, TypeError, "direction")]
 CASES += [(LANE_CHANGE, {"change_start": [0.5, 1.0]}, TypeError, "change_start")]
 CASES += [("BicycleStab-v0", {"direction": "left"}, ValueError, "unknown reset option 'direction'")]
@@ -71,7 +80,7 @@ FORWARD = np.array([0.3, -0.2], np.float32)
 
 
 def twins(env_id):
-    pair = [gym.make(env_id).unwrapped for _ in range(2)]
+    pair = [gym.make(env_id, steer="both").unwrapped for _ in range(2)]
     for env in pair:
         env.reset(seed=31)
         for _ in range(7):
@@ -111,7 +120,7 @@ def test_a_bad_seed_changes_nothing(env_id, seed):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_a_refused_first_reset_leaves_the_environment_unstarted(env_id):
-    env = gym.make(env_id).unwrapped
+    env = gym.make(env_id, steer="both").unwrapped
     with pytest.raises(ValueError, match="yaw_rate"):
         env.reset(seed=0, options={"state": {"yaw_rate": math.nan}})
     with pytest.raises(gym.error.ResetNeeded):
@@ -120,7 +129,7 @@ def test_a_refused_first_reset_leaves_the_environment_unstarted(env_id):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_given_state_is_the_state(env_id):
-    env = gym.make(env_id).unwrapped
+    env = gym.make(env_id, steer="both").unwrapped
     given = {
         "longitudinal_position": 12.0,
         "lateral_position": -0.4,

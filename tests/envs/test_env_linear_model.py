@@ -3,12 +3,12 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from combinations import ON_ROADS
 
 from bicycle_env import Actuator, analysis, vehicles
 from bicycle_env.control.design.gains import discrete_gain
-from bicycle_env.registration import ENVIRONMENTS
 
-IDS = [row.id for row in ENVIRONMENTS]
+IDS = list(ON_ROADS)
 STEERS = ("front", "rear", "both")
 LINEAR = {"tire": "linear", "geometry": "small_angle"}
 STRAIGHT = {"BicycleStab-v0": {}, "BicycleLaneChange-v0": {"change_start": 100.0}}

@@ -3,11 +3,11 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from combinations import ON_ROADS
 
 from bicycle_env.control import make
-from bicycle_env.registration import ENVIRONMENTS
 
-IDS = [row.id for row in ENVIRONMENTS]
+IDS = list(ON_ROADS)
 
 
 def worst(env):

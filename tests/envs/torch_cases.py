@@ -2,14 +2,14 @@
 
 import numpy as np
 import torch
+from combinations import ON_ROADS
 
 from bicycle_env.envs import TorchVectorEnv
-from bicycle_env.registration import ENVIRONMENTS
 
 torch.set_num_threads(1)
 
 STAB, LANE = "BicycleStab-v0", "BicycleLaneChange-v0"
-IDS = [row.id for row in ENVIRONMENTS]
+IDS = list(ON_ROADS)
 MODES = ("SameStep", "NextStep", "Disabled")
 CARS = 40
 BEYOND = {

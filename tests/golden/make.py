@@ -26,7 +26,11 @@ def feedback(env_id):
     plant = gym.make(env_id).unwrapped
     policy = make("lqr", plant)
     probes = 1e-3 * np.eye(len(plant.observation_names))
-    return [[round(float(value) * 1e3, 3) for value in policy.act(probe)] for probe in probes]
+    matrix = [[round(float(value) * 1e3, 3) for value in policy.act(probe)] for probe in probes]
+    if "side" in plant.observation_names:  # half way into the other lane, so that the episode is a whole one
+        place = plant.observation_names.index("lateral_position")
+        matrix[plant.observation_names.index("side")] = [round(-2.5 * value, 3) for value in matrix[place]]
+    return matrix
 
 
 def rollout(env_id, seed, matrix):
@@ -53,7 +57,7 @@ def rollout(env_id, seed, matrix):
         seen = [float(value) for value in observation]
         action = [
             min(max(math.fsum(value * row[axle] for value, row in zip(seen, matrix, strict=True)), -1.0), 1.0)
-            for axle in range(2)
+            for axle in range(len(matrix[0]))
         ]
         observation, reward, terminated, truncated, info = env.step(np.array(action))
         total += reward
