@@ -1,8 +1,7 @@
 """Reinforcement learning and control of a car at and beyond its stability limit.
 
-Importing this package registers ``BicycleStab-v0``, ``BicycleLaneChange-v0``, ``BicycleDoubleLaneChange-v0`` and
-``BicycleActiveSteer-v0`` with
-Gymnasium.
+Importing this package registers ``BicycleStab-v0``, ``BicycleLaneChange-v0``, ``BicycleDoubleLaneChange-v0``,
+``BicycleActiveSteer-v0`` and ``BicycleEvade-v0`` with Gymnasium.
 """
 
 from typing import Any

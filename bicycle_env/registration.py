@@ -41,6 +41,12 @@ ENVIRONMENTS = (
         "bicycle_env.envs.bicycle_active_steer:BicycleActiveSteerVectorEnv",
         300,
     ),
+    Row(
+        "BicycleEvade-v0",
+        "bicycle_env.envs.bicycle_evade:BicycleEvadeEnv",
+        "bicycle_env.envs.bicycle_evade:BicycleEvadeVectorEnv",
+        340,
+    ),
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bicycle_env.control.active_steer import REAR_STEERINGS
 from bicycle_env.control.driver import DRIVERS
+from bicycle_env.control.evade_path import EvadePath, PathRound
 from bicycle_env.control.four_wheel_steer import REAR_LAWS, DriverAndLaw
 from bicycle_env.control.lqg import LQG
 from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, Weights, read_weights, tuned_weights
@@ -24,7 +25,9 @@ __all__ = [
     "REAR_STEERINGS",
     "ContinuousLQR",
     "DriverAndLaw",
+    "EvadePath",
     "Network",
+    "PathRound",
     "Plant",
     "PolePlacement",
     "Policy",

@@ -8,6 +8,7 @@ from typing import Any
 
 from bicycle_env.control.active_steer import REAR_STEERINGS
 from bicycle_env.control.driver import DRIVERS
+from bicycle_env.control.evade_path import EvadePath
 from bicycle_env.control.four_wheel_steer import COMBINATIONS, REAR_LAWS, driver_and_law
 from bicycle_env.control.lqg import LQG
 from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR
@@ -26,6 +27,7 @@ CLASSES: tuple[type[Policy], ...] = (
     MPC,
     *DRIVERS.values(),
     *REAR_STEERINGS.values(),
+    EvadePath,
 )
 POLICIES: dict[str, Any] = {policy.name: policy for policy in CLASSES}
 """Name -> class of the controllers that are made from an environment alone."""

@@ -130,6 +130,10 @@ class AlteredTask(Task):
         return self.task.companions
 
     @property
+    def judged_points(self) -> int:  # type: ignore[override]
+        return self.task.judged_points
+
+    @property
     def flipped(self) -> tuple[str, ...] | None:  # type: ignore[override]
         inner = self.task.flipped
         return None if inner is None else (*inner, *self.kept_flipped)

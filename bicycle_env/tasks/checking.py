@@ -17,7 +17,7 @@ from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY, PYTHON
 from bicycle_env.physics.presets import vehicles
 from bicycle_env.physics.trial import tried, words
-from bicycle_env.physics.validation import check_value, positive
+from bicycle_env.physics.validation import check_value, positive, whole
 from bicycle_env.tasks.control_step import GRIP
 from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
 from bicycle_env.tasks.marks import checked
@@ -25,6 +25,8 @@ from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
 
 SPEED, CONTROL_TIMESTEP, SUBSTEPS = 30.0, 0.02, 5
+MOST_POINTS = 100
+"""Of the body that are judged, along each side."""
 COMMANDS = ("front_steer_command", "rear_steer_command")
 DIVISORS = ("speed", "mass", "yaw_inertia", "front_time_constant", "rear_time_constant")
 """Of the car of a moment."""
@@ -61,6 +63,7 @@ def _check_task(task: Task) -> None:
         if not isinstance(task.rewards.get(reward), Reward):
             raise ValueError(f"task {name}: rewards must hold a Reward for {reward!r}, got {task.rewards!r}")
     positive(f"task {name}: road_half_width", task.road_half_width)
+    whole(f"task {name}: judged_points", task.judged_points, 2, MOST_POINTS)
     _check_laws(task, name, _world(task))
 
 

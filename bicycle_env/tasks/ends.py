@@ -104,7 +104,8 @@ def body_reach(xp: Any) -> Callable[[CarState, Reference, World], Any]:
 def clearance(xp: Any, task: Any) -> Law:
     """``clearance(state, reference, episode, world)``: from the corridor's edge to the nearest corner, < 0 outside, m.
 
-    Where the corridor is not the same beside the whole body, each corner is judged at its own place on the road.
+    Where the corridor is not the same beside the whole body, each of the task's ``judged_points`` is judged, along
+    both sides, at its own place on the road.
     """
     if task.uniform_corridor:
         reach_of = xp.function(body_reach(xp))
@@ -113,32 +114,52 @@ def clearance(xp: Any, task: Any) -> Law:
             return reference.road_half_width - reach_of(state, reference, world)
 
         return clearance
-    corner_of = xp.function(_corner(xp, task))
+    point_of, last = xp.function(_point(xp, task)), task.judged_points - 1
+    least_of = xp.function(_pair(xp, point_of, 0.0))
+    for k in range(1, last + 1):
+        pair_of = xp.function(_pair(xp, point_of, k / last))
+        least_of = xp.function(_least(xp, least_of, pair_of))
 
-    def clearance_of_corners(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
-        car, half = world.car, 0.5 * world.car.body_width
-        front_left = corner_of(state, episode, world, car.front_extent, half)
-        front_right = corner_of(state, episode, world, car.front_extent, -half)
-        rear_left = corner_of(state, episode, world, -car.rear_extent, half)
-        rear_right = corner_of(state, episode, world, -car.rear_extent, -half)
-        return xp.minimum(xp.minimum(front_left, front_right), xp.minimum(rear_left, rear_right))
+    def clearance_of_points(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
+        return least_of(state, episode, world, xp.sin(state.heading), xp.cos(state.heading))
 
-    return clearance_of_corners
+    return clearance_of_points
 
 
-def _corner(xp: Any, task: Any) -> Law:
-    """``corner(state, episode, world, forward, left)``: a point of the body, from the centre of mass."""
+def _point(xp: Any, task: Any) -> Law:
+    """``point(state, episode, world, sine, cosine, forward, left)``: a point of the body, from the centre of mass."""
     reference_law = xp.function(task.reference(xp))
     moved = replaced(xp, CarState, ("longitudinal_position",))
 
-    def corner(state: CarState, episode: EpisodeState, world: World, forward: Any, left: Any) -> Any:
-        sine, cosine = xp.sin(state.heading), xp.cos(state.heading)
+    def point(
+        state: CarState, episode: EpisodeState, world: World, sine: Any, cosine: Any, forward: Any, left: Any
+    ) -> Any:
         along = state.longitudinal_position + xp.multiply_add(forward, cosine, -(left * sine))
         across = state.lateral_position + xp.multiply_add(forward, sine, left * cosine)
         there = reference_law(moved(state, along), episode.task_state, world)
         return there.road_half_width - abs(across - there.road_centre)
 
-    return corner
+    return point
+
+
+def _pair(xp: Any, point_of: Law, share: float) -> Law:
+    """``pair(state, episode, world, sine, cosine)``: of a left and a right point, `share` of the way to the rear."""
+    rest = 1.0 - share
+
+    def pair(state: CarState, episode: EpisodeState, world: World, sine: Any, cosine: Any) -> Any:
+        car, half = world.car, 0.5 * world.car.body_width
+        forward = rest * car.front_extent - share * car.rear_extent
+        left = point_of(state, episode, world, sine, cosine, forward, half)
+        return xp.minimum(left, point_of(state, episode, world, sine, cosine, forward, -half))
+
+    return pair
+
+
+def _least(xp: Any, first: Law, second: Law) -> Law:
+    def least(state: CarState, episode: EpisodeState, world: World, sine: Any, cosine: Any) -> Any:
+        return xp.minimum(first(state, episode, world, sine, cosine), second(state, episode, world, sine, cosine))
+
+    return least
 
 
 def corner_outside(xp: Any, task: Any) -> Law:

@@ -93,6 +93,8 @@ class Task(abc.ABC):
     uniform_corridor: ClassVar[bool] = True
     """Whether the corridor of :meth:`reference` is the same beside the whole body; if not, each corner is judged at
     its own place on the road."""
+    judged_points: ClassVar[int] = 2
+    """How many points along each side of the body are judged then: the two corners, and others between them."""
     flipped: ClassVar[tuple[str, ...] | None] = ()
     """Names in ``TaskState`` that change sign in the mirror image; None for a task that has no mirror image."""
 

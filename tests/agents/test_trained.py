@@ -154,7 +154,9 @@ def test_a_cars_file_is_kept_as_the_car_in_it(tmp_path):
 @pytest.mark.parametrize("env_id", ["CartPole-v1", "Pendulum-v1"])
 def test_other_environments_are_refused(run, monkeypatch, env_id):
     monkeypatch.setattr(gym, "make", lambda *_, **__: pytest.fail("made"))
-    with pytest.raises(UserError, match="must be an environment of this package, BicycleLaneChange-v0, BicycleStab-v0"):
+    with pytest.raises(
+        UserError, match=r"must be an environment of this package, .*BicycleLaneChange-v0, BicycleStab-v0"
+    ):
         run("--env-id", env_id)
     with pytest.raises(UserError, match="of this package"):
         evaluate.make_vector_env(env_id, 2, {})

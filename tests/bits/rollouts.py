@@ -23,11 +23,11 @@ from bicycle_env.envs.many.blocks import best_length
 
 FILE = Path(__file__).parent / "hashes.json"
 STAB, LANE_CHANGE, ACTIVE = "BicycleStab-v0", "BicycleLaneChange-v0", "BicycleActiveSteer-v0"
-DOUBLE_LANE_CHANGE = "BicycleDoubleLaneChange-v0"
+DOUBLE_LANE_CHANGE, EVADE = "BicycleDoubleLaneChange-v0", "BicycleEvade-v0"
 CARS, STEPS, TIME_LIMIT, SEED = 4, 400, 60, 20
 BLOCKS = (4, 8, 64)
-OWN_LIMIT = {ACTIVE: 100}
-"""Beyond the twin's judgement."""
+OWN_LIMIT = {ACTIVE: 100, EVADE: 200}
+"""Beyond the twin's judgement; the obstacle comes late."""
 
 
 class Rollout(NamedTuple):
@@ -78,6 +78,10 @@ ROLLOUTS = [
     Rollout(ACTIVE, "fiala", "exact", "default", False),
     Rollout(ACTIVE, "tanh", "small_angle", "quadratic", True),
     Rollout(ACTIVE, "magic_formula", "exact", "default", True, "float32"),
+    # A corridor that changes along the road, hidden friction, five points along each side.
+    Rollout(EVADE, "fiala", "exact", "default", False),
+    Rollout(EVADE, "tanh", "small_angle", "quadratic", True),
+    Rollout(EVADE, "magic_formula", "exact", "default", True, "float32"),
 ]
 OWN = {
     "vehicle": ("oversteer", "me303", "oversteer", "civic"),

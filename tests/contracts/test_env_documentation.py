@@ -14,6 +14,7 @@ from bicycle_env.envs.configuration import DEFAULT_SPEED
 from bicycle_env.envs.single.single_track_env import keyword_names
 from bicycle_env.physics.car import CarState
 from bicycle_env.registration import ENVIRONMENTS
+from bicycle_env.tasks import evade as evasion
 from bicycle_env.tasks import fmvss126, steadiness
 from bicycle_env.tasks.double_lane_change import APPROACH, COURSES
 from bicycle_env.tasks.lane_change import DURATION
@@ -82,6 +83,11 @@ def double_lane_change():
 @pytest.fixture
 def active_steer():
     return Documented(next(row for row in ENVIRONMENTS if row.id == "BicycleActiveSteer-v0"))
+
+
+@pytest.fixture
+def evade():
+    return Documented(next(row for row in ENVIRONMENTS if row.id == "BicycleEvade-v0"))
 
 
 def test_every_section_is_there(page):
@@ -384,6 +390,45 @@ def test_the_options_of_the_active_steer(active_steer):
     active_steer.env.reset(options=options)
     assert active_steer.env.state.amplitude == options["amplitude"]
     assert active_steer.env.state.speed == options["relative_speed"] * active_steer.env.speed
+
+
+def test_the_numbers_of_the_evasion(evade):
+    env, rules, task, within = evade.env, evade.env.reward, evade.env.task, evade.env.task.tolerances
+    evade.has(
+        f"c = {rules.outside_weight} max(0, {rules.margin} - d)^2 + {rules.sideslip_weight} beta^2 + "
+        f"{rules.yaw_rate_weight} r^2 + {rules.effort_weight} |u|^2 + {rules.smoothness_weight} |du|^2"
+    )
+    evade.has(f"{rules.settling_weight} (psi^2 + beta^2 + 0.25 r^2) more")
+    evade.has(f"and {rules.share_after_touch} of it after a touch")
+    start = evasion.START
+    evade.has(
+        f"lateral_position in +-{start['lateral_position']} m, heading in +-{start['heading']} rad, sideslip in "
+        f"+-{start['sideslip']} rad, yaw_rate in +-{start['yaw_rate']} rad/s, friction {task.relative_friction[0]} to "
+        f"{task.relative_friction[1]} of the nominal one"
+    )
+    rows = evade.table("Description")
+    for row, name in zip(rows, ("obstacle_time", "obstacle_length", "return_time"), strict=False):
+        low, high = getattr(task, name)
+        assert row["until"].endswith(f", {low:g} to {high:g} s")
+    evade.has(f"Two lanes are {evasion.LANE_WIDTH} m wide each")
+    evade.has(f"{task.judged_points} points along each side")
+    evade.has(f"more than {evasion.FAR_OUTSIDE} m outside")
+    evade.has(
+        f"whole last {task.settled_seconds} s, |heading| < {within.heading}, |sideslip| < {within.sideslip} and "
+        f"|yaw rate| < {within.yaw_rate} rad/s"
+    )
+    assert env.steer == "front"
+
+
+def test_the_options_of_the_evasion(evade):
+    found = re.search(r"`reset\(options=(\{.*?\})\)`", evade.text.replace("{...}", "{}")).group(1)
+    options = ast.literal_eval(found)
+    assert set(options) == {"state", *evade.env.task.options}
+    evade.env.reset(options=options)
+    for name, value in options.items():
+        if name not in ("state", "side"):
+            assert getattr(evade.env.state, name) == value
+    assert evade.env.state.side == 1.0
 
 
 def test_the_peak_acceleration_of_the_path(lane_change):

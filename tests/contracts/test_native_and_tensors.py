@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from vector_cases import IDS, LANE_CHANGE, MODES, STAB
+from vector_cases import EVADE, IDS, LANE_CHANGE, MODES, STAB
 
 from bicycle_env.envs import TorchVectorEnv
 from bicycle_env.envs.many.vector_env import SingleTrackVectorEnv
@@ -46,9 +46,12 @@ def test_a_method_of_both_has_one_signature():
 @pytest.mark.parametrize("env_id", IDS)
 def test_info_is_the_same(env_id, mode, telemetry):
     """Straight running at the goal until all have settled; then the episode of one car ends."""
-    pair = both(env_id, autoreset_mode=mode, on_invalid="terminate", telemetry=telemetry, tire="linear")
+    pair = both(env_id, autoreset_mode=mode, on_invalid="terminate", telemetry=telemetry, tire="linear", steer="both")
     lane_change = {"state": {"lateral_position": 3.5, "longitudinal_position": 900.0}, "direction": "left"}
     options = lane_change if env_id == LANE_CHANGE else {"state": {}}
+    if env_id == EVADE:  # behind all gates, the same ones in both
+        gates = {"relative_friction": 0.7, "obstacle_time": 1.2, "obstacle_length": 0.6, "return_time": 1.5}
+        options = {"state": {"longitudinal_position": 900.0}, "side": "left", **gates}
     native, tensors = (env.reset(options=options)[1] for env in pair)
     assert_alike(native, tensors)
     actions = np.zeros((NUMBER, 2), np.float32)

@@ -46,6 +46,14 @@ BAD_OPTIONS = [
     ("state", TypeError, "options must be a mapping"),
     (3, TypeError, "options must be a mapping"),
 ]
+BAD_EVADE = [
+    ({"side": "up"}, ValueError, "side.*'left', 'right', got 'up'"),
+    ({"relative_friction": 0.0}, ValueError, "relative_friction"),
+    ({"obstacle_time": 2.6}, ValueError, "obstacle_time"),
+    ({"obstacle_length": "long"}, TypeError, "obstacle_length"),
+    ({"return_time": math.nan}, ValueError, "return_time"),
+    ({"direction": "left"}, ValueError, "unknown reset option 'direction'"),
+]
 BAD_LANE_CHANGE = [
     ({"direction": "up"}, ValueError, "direction.*'left', 'right', got 'up'"),
     ({"direction": "lefft"}, ValueError, "did you mean 'left'"),
@@ -63,6 +71,7 @@ BAD_LANE_CHANGE = [
 ]
 CASES = [(env_id, *case) for env_id in IDS for case in BAD_OPTIONS]
 CASES += [(LANE_CHANGE, *case) for case in BAD_LANE_CHANGE]
+CASES += [("BicycleEvade-v0", *case) for case in BAD_EVADE]
 CASES += [(LANE_CHANGE, {"direction": ["left", "right"]}, TypeError, "direction")]
 CASES += [(LANE_CHANGE, {"change_start": [0.5, 1.0]}, TypeError, "change_start")]
 CASES += [("BicycleStab-v0", {"direction": "left"}, ValueError, "unknown reset option 'direction'")]

@@ -13,7 +13,7 @@ from bicycle_env.envs.many.rows import Rows
 from bicycle_env.envs.registered_fleet import registered_fleet
 
 KINDS = {"end": np.int8, "cost": np.float64, "is_success": np.bool_}
-BYTES_PER_ROW = {False: 112, True: 624}
+BYTES_PER_ROW = {False: 144, True: 624}
 """The numbers of a car in float64, without and with numbers of its own, as docs/performance.md says."""
 
 

@@ -5,7 +5,19 @@ import numpy as np
 import pytest
 from combinations import ON_ROADS
 from gymnasium.vector import AutoresetMode
-from vector_cases import DOUBLE_LANE_CHANGE, IDS, LANE_CHANGE, MODES, STAB, Alone, actions_for, drive, record, row_of
+from vector_cases import (
+    DOUBLE_LANE_CHANGE,
+    EVADE,
+    IDS,
+    LANE_CHANGE,
+    MODES,
+    STAB,
+    Alone,
+    actions_for,
+    drive,
+    record,
+    row_of,
+)
 
 from bicycle_env.registration import ENVIRONMENTS
 
@@ -102,6 +114,8 @@ def test_same_step_tells_a_success(env_id):
         state = {name: values + 3.5 for name, values in state.items()} | {"longitudinal_position": 900.0}
     elif env_id == DOUBLE_LANE_CHANGE:
         state = {"lateral_position": np.zeros(NUMBER), "longitudinal_position": 900.0 * (np.arange(NUMBER) != 1)}
+    elif env_id == EVADE:  # behind all gates; the other row is not wholly in its lane
+        state |= {"longitudinal_position": 900.0}
     options = {"state": state} | ({"direction": "left"} if env_id == LANE_CHANGE else {})
     env.reset(seed=0, options=options)
     (_, _, terminated, truncated, info), count = until_ended(env, [0])
@@ -116,7 +130,7 @@ def test_same_step_tells_a_success(env_id):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_next_step_starts_anew_in_the_next_step_and_ignores_the_action(env_id):
-    env, twin = make(env_id), make(env_id)
+    env, twin = make(env_id, steer="both"), make(env_id, steer="both")
     for each in (env, twin):
         each.reset(seed=3, options=SPINNING)
         until_ended(each, [1])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from vector_cases import (
     COMBINATIONS,
+    EVADE,
     LANE_CHANGE,
     STAB,
     TIME_LIMIT,
@@ -160,7 +161,11 @@ def test_the_order_of_the_rows_changes_no_row(reference):
 
 # Mirror image
 
-DIRECTIONS = ("left", "right")
+MIDDLE = {"relative_friction": 0.7, "obstacle_time": 0.5, "obstacle_length": 0.6, "return_time": 1.5}
+SIDES = {
+    LANE_CHANGE: [{"direction": side, "change_start": 0.3} for side in ("left", "right")],
+    EVADE: [{"side": side, **MIDDLE} for side in ("left", "right")],
+}
 WIDTHS = {
     "lateral_position": 0.8,
     "heading": 0.15,
@@ -179,7 +184,7 @@ def test_the_mirror_image_is_exact(combination):
     left, right = (make_many(combination, autoreset_mode="Disabled", telemetry=True) for _ in range(2))
     rng, number = np.random.default_rng(6), combination.num_envs
     state = {name: rng.uniform(-width, width, number) for name, width in WIDTHS.items()}
-    sides = [{"direction": side, "change_start": 0.3} if combination.id == LANE_CHANGE else {} for side in DIRECTIONS]
+    sides = SIDES.get(combination.id, ({}, {}))
     observation, info = left.reset(options={"state": state, **sides[0]})
     image = {name: -values for name, values in state.items()}
     reflection, image_info = right.reset(options={"state": image, **sides[1]})

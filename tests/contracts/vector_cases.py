@@ -9,7 +9,7 @@ from bicycle_env.registration import ENVIRONMENTS
 
 IDS = [row.id for row in ENVIRONMENTS]
 STAB, LANE_CHANGE, ACTIVE = "BicycleStab-v0", "BicycleLaneChange-v0", "BicycleActiveSteer-v0"
-DOUBLE_LANE_CHANGE = "BicycleDoubleLaneChange-v0"
+DOUBLE_LANE_CHANGE, EVADE = "BicycleDoubleLaneChange-v0", "BicycleEvade-v0"
 FEW, MANY = 11, 190
 """Rows in short and in long blocks, the last block not full."""
 TIME_LIMIT = 60
@@ -38,6 +38,8 @@ COMBINATIONS = [
     Combination(LANE_CHANGE, "magic_formula", "small_angle", "default", MANY, False),
     Combination(ACTIVE, "fiala", "exact", "default", FEW, True),
     Combination(ACTIVE, "tanh", "small_angle", "quadratic", MANY, False),
+    Combination(EVADE, "fiala", "exact", "default", FEW, True),
+    Combination(EVADE, "linear", "small_angle", "quadratic", MANY, False),
 ]
 """Every pair of values of two columns stands in one of the first rows; compiling all 128 would take minutes."""
 

@@ -8,19 +8,21 @@ from combinations import only_all
 from bicycle_env import control
 from bicycle_env.registration import ENVIRONMENTS
 
-IDS, ACTIVE = [row.id for row in ENVIRONMENTS], "BicycleActiveSteer-v0"
+IDS, ACTIVE, EVADE = [row.id for row in ENVIRONMENTS], "BicycleActiveSteer-v0", "BicycleEvade-v0"
+HOMES = {"evade-path": EVADE, **dict.fromkeys(control.REAR_STEERINGS, ACTIVE)}
+"""Where those drive that are of one id alone."""
 STEERS = ("front", "rear", "both")
 ODD = [name for name in control.NAMES if name != "zero"]
 
 
 def env_for(name):
-    return gym.make(ACTIVE if name in control.REAR_STEERINGS else "BicycleStab-v0")
+    return gym.make(HOMES.get(name, "BicycleStab-v0"))
 
 
 def cannot_drive(name, steer, env_id):
     """A driver sits at the front wheels; a rear-steer law needs both axles, and an id where nobody drives already."""
-    if name in control.REAR_STEERINGS:
-        return env_id != ACTIVE or steer == "front"
+    if name in HOMES:
+        return env_id != HOMES[name] or (env_id == ACTIVE and steer == "front")
     if env_id == ACTIVE:
         return name not in ("zero", "network")
     return ("+" in name and steer != "both") or (name in control.DRIVERS and steer == "rear")
@@ -36,7 +38,9 @@ CASES = [
     if not cannot_drive(name, steer, env_id)
 ]
 DRIVES = [
-    row if row[1] in SOON or row[0] == ACTIVE or (row[0] == IDS[k % 2] and row[2] != "rear") else only_all(*row)
+    row
+    if row[1] in (*SOON, "evade-path") or row[0] == ACTIVE or (row[0] == IDS[k % 2] and row[2] != "rear")
+    else only_all(*row)
     for k, name in enumerate(control.NAMES)
     for row in ((env_id, name, steer) for env_id in IDS for steer in STEERS if not cannot_drive(name, steer, env_id))
 ]

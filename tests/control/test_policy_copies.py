@@ -11,10 +11,13 @@ from bicycle_env import control
 from bicycle_env.control import LQG, Network
 from bicycle_env.control.design.estimation import Noise
 
-ENV, ACTIVE = (gym.make(env_id).unwrapped for env_id in ("BicycleStab-v0", "BicycleActiveSteer-v0"))
+IDS = ("BicycleStab-v0", "BicycleActiveSteer-v0", "BicycleEvade-v0")
+ENV, ACTIVE, EVADE = (gym.make(env_id).unwrapped for env_id in IDS)
+HOMES = {"evade-path": EVADE, **dict.fromkeys(control.REAR_STEERINGS, ACTIVE)}
+"""Where those drive that are of one id alone."""
 WAYS = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda policy: pickle.loads(pickle.dumps(policy))}
-WIDTH = len(ENV.observation_names)
-OBSERVATIONS = np.random.default_rng(0).uniform(-0.2, 0.2, (6, len(ACTIVE.observation_names))).astype(np.float32)
+MOST = max(len(env.observation_names) for env in (ENV, ACTIVE, EVADE))
+OBSERVATIONS = np.random.default_rng(0).uniform(-0.2, 0.2, (6, MOST)).astype(np.float32)
 
 
 def make(name):
@@ -24,9 +27,9 @@ def make(name):
     if name == "noisy lqg":
         return LQG(ENV, sensor_noise=Noise(0.01, 0.1), seed=3)
     if name == "network":
-        layers = [(np.full((4, WIDTH), 0.1), np.zeros(4)), (np.full((2, 4), 0.1), np.zeros(2))]
+        layers = [(np.full((4, len(ENV.observation_names)), 0.1), np.zeros(4)), (np.full((2, 4), 0.1), np.zeros(2))]
         return Network(layers, "relu", "clip", {"observation_names": list(ENV.observation_names)})
-    return control.make(name, ACTIVE if name in control.REAR_STEERINGS else ENV)
+    return control.make(name, HOMES.get(name, ENV))
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -34,7 +37,7 @@ def make(name):
 def test_a_copy_goes_on_as_the_original(name, way):
     policy = make(name)
     policy.reset()
-    seen = OBSERVATIONS if name in control.REAR_STEERINGS else OBSERVATIONS[:, :WIDTH]
+    seen = OBSERVATIONS[:, : len(HOMES.get(name, ENV).observation_names)]
     for observation in seen[:3]:
         policy.act(observation)
     other = WAYS[way](policy)
@@ -68,4 +71,4 @@ def test_cars_that_differ_are_refused_alike(name):
     if name == "mpc":
         pytest.importorskip("casadi")
     with pytest.raises(ValueError, match="the cars of this environment differ"):
-        control.make(name, Fleet(ACTIVE if name in control.REAR_STEERINGS else ENV))
+        control.make(name, Fleet(HOMES.get(name, ENV)))

@@ -147,6 +147,7 @@ FAULTS = {
         "road_half_width must be that of the widest place, got 1.75 where its law 'reference' says 2.0",
     ),
     "no road": ({"road_half_width": 0.0}, "road_half_width must be a finite number > 0, got 0"),
+    "one point": ({"judged_points": 1}, r"judged_points must be a whole number in \[2, 100\], got 1"),
     "a name that flips and is not there": ({"flipped": ("direction",)}, "flipped must be names of TaskState"),
 }
 
