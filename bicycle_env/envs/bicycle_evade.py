@@ -126,6 +126,7 @@ class BicycleEvadeEnv(SingleTrackEnv):
     | observation_delay | `0` | how many control steps ago the observations are of |
     | action_repeat | `1` | control steps that an action is held; the reward is their sum, the time limit counts them |
     | sensors | `None` | what is observed: `bicycle_env.Sensors(signals="car", noise={"yaw_rate": 0.01})` |
+    | history | `1` | how many of the latest observations stand side by side, the newest first |
     | telemetry | `False` | more in `info` |
     | render_mode | `None` | `"human"` or `"rgb_array"` |
     | side | `"random"` | of the other lane: `"left"`, `"right"` or `"random"` |

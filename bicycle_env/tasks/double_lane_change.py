@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bicycle_env.physics.car import CarParameters, CarState
+from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.validation import choice
 from bicycle_env.tasks.ends import LEFT, RUNNING, SPUN, Tolerances, clearance, end_code
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
@@ -23,11 +24,14 @@ from bicycle_env.tasks.lane_change import (
     quintic_rise,
     times_ahead,
 )
+from bicycle_env.tasks.marks import Mark
 from bicycle_env.tasks.metrics import SHARED, Metric
 from bicycle_env.tasks.task import Entry, Law, Task
 
 APPROACH = 1.0
 """s of free road before the first cones."""
+CONES = 5
+"""Drawn along each side of a lane; what is judged is the line through them."""
 
 
 class Course(NamedTuple):
@@ -263,6 +267,22 @@ class DoubleLaneChange(Task):
             return rearmost > world.settings.end_5
 
         return success
+
+    def marks(self, side: Any, world: World) -> tuple[Mark, ...]:
+        """Cones along both sides of the lanes."""
+        cones, (half_1, centre_3, half_3, centre_5, half_5) = world.settings, lanes(PYTHON)(world)
+        rows = (
+            (cones.begin_1, cones.end_1, 0.0, half_1),
+            (cones.begin_3, cones.end_3, centre_3, half_3),
+            (cones.begin_5, cones.end_5, centre_5, half_5),
+        )
+        places = [
+            (float(x), float(side.direction * (centre + edge)))
+            for begin, end, centre, half in rows
+            for edge in (half, -half)
+            for x in np.linspace(begin, end, CONES)
+        ]
+        return (Mark("cones", tuple(places)),)
 
     def task_state_with(self, side: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
         return side._replace(direction=numbers["direction"]) if "direction" in numbers else side

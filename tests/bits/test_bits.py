@@ -62,7 +62,7 @@ def test_an_evasion_has_the_frozen_bits(number):
     rollout = ROLLOUTS[number]
     alone, together = record(rollout, "single"), record(rollout, "8")
     assert alone.hash == together.hash == FROZEN[name_of(rollout)]
-    assert {"spun", "left_corridor"} <= alone.ends
+    assert "left_corridor" in alone.ends
 
 
 @pytest.mark.parametrize("number", [18])
