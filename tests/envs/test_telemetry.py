@@ -125,7 +125,7 @@ def test_telemetry_changes_nothing_else():
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_state_is_a_named_tuple_of_floats(env_id):
-    env = gym.make(env_id).unwrapped
+    env = gym.make(env_id, steer="both").unwrapped
     env.reset(seed=1)
     common = (
         "longitudinal_position",

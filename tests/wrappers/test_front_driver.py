@@ -6,16 +6,16 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
+from combinations import ON_ROADS
 from gymnasium.utils.env_checker import check_env
 
 from bicycle_env.control.driver import Preview, Stanley
 from bicycle_env.control.lqr import LQR
-from bicycle_env.registration import ENVIRONMENTS
 from bicycle_env.wrappers import FrontDriver
 
 pytestmark = pytest.mark.filterwarnings("ignore:FrontDriver is deprecated")
 
-IDS = [row.id for row in ENVIRONMENTS]
+IDS = list(ON_ROADS)
 
 
 def wrapped(env_id="BicycleLaneChange-v0", driver=Preview, **keywords):
