@@ -129,13 +129,13 @@ class BicycleEvadeEnv(SingleTrackEnv):
     | history | `1` | how many of the latest observations stand side by side, the newest first |
     | telemetry | `False` | more in `info` |
     | render_mode | `None` | `"human"` or `"rgb_array"` |
-    | side | `"random"` | of the other lane: `"left"`, `"right"` or `"random"` |
+    | direction | `"random"` | where the other lane is: `"left"`, `"right"` or `"random"` |
     | relative_friction | `(0.4, 1.0)` | range of the true friction, per the nominal one |
     | obstacle_time | `(0.9, 1.6)` | range, s from the start to the obstacle |
     | obstacle_length | `(0.5, 0.8)` | range, s along the obstacle |
     | return_time | `(1.2, 2.0)` | range, s from the obstacle's end to the last gate |
 
-    `reset(options={"state": {...}, "side": "left", "relative_friction": 0.6, "obstacle_time": 1.2,
+    `reset(options={"state": {...}, "direction": "left", "relative_friction": 0.6, "obstacle_time": 1.2,
     "obstacle_length": 0.6, "return_time": 1.5})`: what is not given is drawn; of many cars, one value or one for each.
 
     ## Version history

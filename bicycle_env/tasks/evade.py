@@ -9,11 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bicycle_env.physics.car import CarParameters, CarState
+from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.records import record_of, replaced
 from bicycle_env.physics.validation import choice, explain_keywords, number
 from bicycle_env.tasks.ends import LEFT, RUNNING, SPUN, Tolerances, clearance, end_code, settled
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.lane_change import DIRECTIONS, SIDES
+from bicycle_env.tasks.marks import Mark
 from bicycle_env.tasks.metrics import SHARED, Metric, Run
 from bicycle_env.tasks.rewards import Quadratic, Reward, plus_square
 from bicycle_env.tasks.task import Entry, Law, Task, fixed_entries, observed_car
@@ -63,7 +65,7 @@ class Places(NamedTuple):
 EvadeState = record_of(
     "EvadeState", (*CarState._fields, "front_steer_command", "rear_steer_command", "time", *Gates._fields)
 )
-Draws = record_of("Draws", ("side", *(f"{name}_{what}" for name in RANGES for what in ("least", "width"))))
+Draws = record_of("Draws", ("direction", *(f"{name}_{what}" for name in RANGES for what in ("least", "width"))))
 """+1, -1 or 0 for random; least value and width of what is drawn."""
 
 
@@ -157,16 +159,16 @@ class Evade(Task):
     }
     defaults = {"steer": "front"}  # noqa: RUF012 (a constant)
     flipped = ("side",)
-    options = {"side": SIDES, **RANGES}  # noqa: RUF012 (a constant)
+    options = {"direction": SIDES, **RANGES}  # noqa: RUF012 (a constant)
 
-    side: str = "random"
+    direction: str = "random"
     relative_friction: tuple[float, float] = (0.4, 1.0)
     obstacle_time: tuple[float, float] = (0.9, 1.6)
     obstacle_length: tuple[float, float] = (0.5, 0.8)
     return_time: tuple[float, float] = (1.2, 2.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "side", choice("side", self.side, DIRECTIONS))
+        object.__setattr__(self, "direction", choice("direction", self.direction, DIRECTIONS))
         for name, (least, most) in RANGES.items():
             given = getattr(self, name)
             if not isinstance(given, (tuple, list)) or len(given) != 2:
@@ -184,7 +186,7 @@ class Evade(Task):
 
     def settings(self, speed: float) -> Any:
         ranges = (getattr(self, name) for name in RANGES)
-        return Draws(DIRECTIONS[self.side], *(value for low, high in ranges for value in (low, high - low)))
+        return Draws(DIRECTIONS[self.direction], *(value for low, high in ranges for value in (low, high - low)))
 
     def start(self, xp: Any) -> Law:
         lateral, heading, sideslip, yaw_rate = START.values()
@@ -205,7 +207,7 @@ class Evade(Task):
                 zero,
                 zero,
             )
-            chosen = xp.where(draws.side == 0.0, side, draws.side + zero)
+            chosen = xp.where(draws.direction == 0.0, side, draws.direction + zero)
             return state, Gates(chosen, friction, until, along, back, zero)
 
         return start
@@ -290,8 +292,17 @@ class Evade(Task):
 
         return success
 
+    def marks(self, own: Any, world: World) -> tuple[Mark, ...]:
+        """Cones at the corners of the obstacle, which is as wide as the own lane."""
+        begin, end, _ = places(PYTHON)(own, world.car)
+        edges = (-0.5 * LANE_WIDTH, 0.5 * LANE_WIDTH)
+        return (Mark("cones", tuple((float(x), y) for x in (begin, end) for y in edges)),)
+
     def task_state_with(self, own: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
-        return own._replace(**numbers)
+        changes = dict(numbers)
+        if "direction" in changes:
+            changes["side"] = changes.pop("direction")
+        return own._replace(**changes)
 
 
 def places(xp: Any) -> Law:

@@ -426,7 +426,7 @@ def test_the_options_of_the_evasion(evade):
     assert set(options) == {"state", *evade.env.task.options}
     evade.env.reset(options=options)
     for name, value in options.items():
-        if name not in ("state", "side"):
+        if name not in ("state", "direction"):
             assert getattr(evade.env.state, name) == value
     assert evade.env.state.side == 1.0
 

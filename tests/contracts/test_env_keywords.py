@@ -74,12 +74,11 @@ BAD = {
     "relative_friction": a_range((0.0, 1.0), (0.5, 2.1), (1.0, 0.9)),
     "amplitude": a_range((-0.1, 0.1), (0.1, 1.6), (0.1, 0.05)),
     "frequency": a_range((0.1, 0.7), (0.7, 4.0), (0.8, 0.7), (0.3, 0.7)),
-    "dwell": a_range((-0.1, 0.5), (0.5, 2.1), (0.6, 0.5)),
-    "observed": values("", "all", "State") + values(None, 1, error=TypeError),
-    "side": values("", "up", "Left") + values(None, 1, -1.0, error=TypeError),
     "obstacle_time": a_range((0.1, 1.0), (1.0, 2.6), (1.0, 0.9)),
     "obstacle_length": a_range((0.0, 0.5), (0.5, 1.6), (0.6, 0.5)),
     "return_time": a_range((0.1, 1.0), (1.0, 2.3), (1.0, 0.9)),
+    "dwell": a_range((-0.1, 0.5), (0.5, 2.1), (0.6, 0.5)),
+    "observed": values("", "all", "State") + values(None, 1, error=TypeError),
 }
 
 CASES = [

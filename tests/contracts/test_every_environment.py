@@ -231,13 +231,12 @@ def mirrored_starts(env, rng):
     left = {"state": state}
     right = {"state": {name: value if name in EVEN_STATES else -value for name, value in state.items()}}
     options = env.task.options
-    fixed = {name: 0.5 * (low + high) for name, (low, high) in options.items() if name not in ("direction", "side")}
+    fixed = {name: 0.5 * (low + high) for name, (low, high) in options.items() if name != "direction"}
     if "change_start" in fixed:
         fixed["change_start"] = 0.3
-    for name in ("direction", "side"):
-        if name in options:
-            left |= {name: "left", **fixed}
-            right |= {name: "right", **fixed}
+    if "direction" in options:
+        left |= {"direction": "left", **fixed}
+        right |= {"direction": "right", **fixed}
     return left, right
 
 

@@ -51,7 +51,7 @@ def test_info_is_the_same(env_id, mode, telemetry):
     options = lane_change if env_id == LANE_CHANGE else {"state": {}}
     if env_id == EVADE:  # behind all gates, the same ones in both
         gates = {"relative_friction": 0.7, "obstacle_time": 1.2, "obstacle_length": 0.6, "return_time": 1.5}
-        options = {"state": {"longitudinal_position": 900.0}, "side": "left", **gates}
+        options = {"state": {"longitudinal_position": 900.0}, "direction": "left", **gates}
     native, tensors = (env.reset(options=options)[1] for env in pair)
     assert_alike(native, tensors)
     actions = np.zeros((NUMBER, 2), np.float32)

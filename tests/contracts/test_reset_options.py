@@ -47,12 +47,12 @@ BAD_OPTIONS = [
     (3, TypeError, "options must be a mapping"),
 ]
 BAD_EVADE = [
-    ({"side": "up"}, ValueError, "side.*'left', 'right', got 'up'"),
+    ({"direction": "up"}, ValueError, "direction.*'left', 'right', got 'up'"),
     ({"relative_friction": 0.0}, ValueError, "relative_friction"),
     ({"obstacle_time": 2.6}, ValueError, "obstacle_time"),
     ({"obstacle_length": "long"}, TypeError, "obstacle_length"),
     ({"return_time": math.nan}, ValueError, "return_time"),
-    ({"direction": "left"}, ValueError, "unknown reset option 'direction'"),
+    ({"side": "left"}, ValueError, "unknown reset option 'side'"),
 ]
 BAD_LANE_CHANGE = [
     ({"direction": "up"}, ValueError, "direction.*'left', 'right', got 'up'"),

@@ -6,8 +6,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from vector_cases import (
+    ACTIVE,
     COMBINATIONS,
-    EVADE,
     LANE_CHANGE,
     STAB,
     TIME_LIMIT,
@@ -161,11 +161,6 @@ def test_the_order_of_the_rows_changes_no_row(reference):
 
 # Mirror image
 
-MIDDLE = {"relative_friction": 0.7, "obstacle_time": 0.5, "obstacle_length": 0.6, "return_time": 1.5}
-SIDES = {
-    LANE_CHANGE: [{"direction": side, "change_start": 0.3} for side in ("left", "right")],
-    EVADE: [{"side": side, **MIDDLE} for side in ("left", "right")],
-}
 WIDTHS = {
     "lateral_position": 0.8,
     "heading": 0.15,
@@ -178,13 +173,21 @@ WIDTHS = {
 }
 
 
+def mirrored_options(task):
+    """Of a start to the left and of one to the right."""
+    drawn = {name: 0.5 * (low + high) for name, (low, high) in task.options.items() if name != "direction"}
+    if "change_start" in drawn:
+        drawn["change_start"] = 0.3
+    return [{"direction": side, **drawn} if "direction" in task.options else {} for side in ("left", "right")]
+
+
 @every
 def test_the_mirror_image_is_exact(combination):
     """Mirrored starts and actions give mirrored rows, until each ends."""
     left, right = (make_many(combination, autoreset_mode="Disabled", telemetry=True) for _ in range(2))
     rng, number = np.random.default_rng(6), combination.num_envs
     state = {name: rng.uniform(-width, width, number) for name, width in WIDTHS.items()}
-    sides = SIDES.get(combination.id, ({}, {}))
+    sides = mirrored_options(left.task)
     observation, info = left.reset(options={"state": state, **sides[0]})
     image = {name: -values for name, values in state.items()}
     reflection, image_info = right.reset(options={"state": image, **sides[1]})
@@ -199,7 +202,7 @@ def test_the_mirror_image_is_exact(combination):
         assert np.array_equal(image_reward, reward)
         assert np.array_equal(image_terminated, terminated)
         assert np.array_equal(image_truncated, truncated)
-    assert terminated.any()
+    assert terminated.any() or combination.id == ACTIVE  # whose driver has not done his worst yet
 
 
 @pytest.mark.parametrize("combination", [row for row in COMBINATIONS if not row.varied], ids=lambda c: c.tire)

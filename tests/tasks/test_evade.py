@@ -99,8 +99,18 @@ def test_what_is_drawn(plant):
     assert plant.speed == 1.2 * plant.vehicle.critical_speed
 
 
+@SIDES
+def test_the_corners_of_the_obstacle_are_marked(plant, side):
+    task, car = Evade(), plant.configuration.car
+    world = World(car, plant.rules, task.settings(car.speed))
+    (cones,) = task.marks(Gates(side, 1.0, 1.2, 0.6, 1.5, 0.0), world)
+    begin, end = car.front_extent + 1.2 * car.speed, car.front_extent + 1.8 * car.speed
+    assert cones.kind == "cones"
+    np.testing.assert_allclose(sorted(cones.points), [(begin, -1.75), (begin, 1.75), (end, -1.75), (end, 1.75)])
+
+
 def test_the_gates_are_seen_from_the_front_bumper(plant):
-    observation, _ = plant.reset(options={"state": {"longitudinal_position": 10.0}, "side": "right", **GATES})
+    observation, _ = plant.reset(options={"state": {"longitudinal_position": 10.0}, "direction": "right", **GATES})
     seen = dict(zip(plant.observation_names, observation * plant.observation_scale, strict=True))
     assert seen["speed"] == pytest.approx(plant.speed, rel=1e-6)
     assert seen["side"] == -1.0
@@ -115,7 +125,7 @@ def test_the_hidden_friction_acts(friction):
     """A car on the drawn friction is the car on a road with that one."""
     hidden, known = (gym.make(ID, tire="fiala", friction=mu, telemetry=True).unwrapped for mu in (0.9, 0.9 * friction))
     for env, share in ((hidden, friction), (known, 1.0)):
-        env.reset(options={"state": {}, "side": "left", "relative_friction": share, **GATES})
+        env.reset(options={"state": {}, "direction": "left", "relative_friction": share, **GATES})
     for _ in range(30):
         one, other = (env.step(np.array([0.9]))[4] for env in (hidden, known))
         assert one["lateral_acceleration"] == pytest.approx(other["lateral_acceleration"], rel=1e-9, abs=1e-9)
@@ -160,15 +170,17 @@ def test_success_is_to_run_straight_for_half_a_second():
 def test_it_ends_two_and_a_half_metres_outside(plant, side):
     word = "left" if side > 0 else "right"
     for lateral, end in ((3.3, ""), (3.4, "left_corridor")):  # + 0.9 - 1.75 = 2.45, 2.55
-        plant.reset(options={"state": {"longitudinal_position": 1e3, "lateral_position": side * lateral}, "side": word})
+        plant.reset(
+            options={"state": {"longitudinal_position": 1e3, "lateral_position": side * lateral}, "direction": word}
+        )
         info = plant.step(np.zeros(1))[4]
         assert info["end"] == end
         assert info["cost"] == 1.0
     place = 1.5 * plant.speed  # beside the obstacle, in the own lane: 1.75 + 0.9
-    plant.reset(options={"state": {"longitudinal_position": place}, "side": word, **GATES})
+    plant.reset(options={"state": {"longitudinal_position": place}, "direction": word, **GATES})
     assert plant.step(np.zeros(1))[4]["end"] == "left_corridor"
     plant.reset(
-        options={"state": {"longitudinal_position": place, "lateral_position": side * 3.5}, "side": word, **GATES}
+        options={"state": {"longitudinal_position": place, "lateral_position": side * 3.5}, "direction": word, **GATES}
     )
     assert plant.step(np.zeros(1))[4] == {"end": "", "cost": 0.0, "is_success": False}
 
@@ -218,7 +230,7 @@ def test_tensors_agree_with_the_native_environment():
             "heading": rng.uniform(-0.02, 0.02, cars),
         },
         "relative_friction": rng.uniform(0.4, 1.0, cars),
-        "side": ["left", "right"] * (cars // 2),
+        "direction": ["left", "right"] * (cars // 2),
         "obstacle_time": np.full(cars, 1.2),
         "obstacle_length": np.full(cars, 0.6),
         "return_time": np.full(cars, 1.5),
