@@ -9,11 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bicycle_env.physics.car import CarParameters, CarState
+from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.records import record_of, replaced
 from bicycle_env.physics.validation import choice, explain_keywords, number
 from bicycle_env.tasks.ends import LEFT, RUNNING, SPUN, Tolerances, clearance, end_code, settled
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.lane_change import DIRECTIONS, SIDES
+from bicycle_env.tasks.marks import Mark
 from bicycle_env.tasks.metrics import SHARED, Metric, Run
 from bicycle_env.tasks.rewards import Quadratic, Reward, plus_square
 from bicycle_env.tasks.task import Entry, Law, Task, fixed_entries, observed_car
@@ -289,6 +291,12 @@ class Evade(Task):
             return straight(state, reference, episode, world) & (episode.task_state.touched < 0.5)
 
         return success
+
+    def marks(self, own: Any, world: World) -> tuple[Mark, ...]:
+        """Cones at the corners of the obstacle, which is as wide as the own lane."""
+        begin, end, _ = places(PYTHON)(own, world.car)
+        edges = (-0.5 * LANE_WIDTH, 0.5 * LANE_WIDTH)
+        return (Mark("cones", tuple((float(x), y) for x in (begin, end) for y in edges)),)
 
     def task_state_with(self, own: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
         changes = dict(numbers)

@@ -99,6 +99,16 @@ def test_what_is_drawn(plant):
     assert plant.speed == 1.2 * plant.vehicle.critical_speed
 
 
+@SIDES
+def test_the_corners_of_the_obstacle_are_marked(plant, side):
+    task, car = Evade(), plant.configuration.car
+    world = World(car, plant.rules, task.settings(car.speed))
+    (cones,) = task.marks(Gates(side, 1.0, 1.2, 0.6, 1.5, 0.0), world)
+    begin, end = car.front_extent + 1.2 * car.speed, car.front_extent + 1.8 * car.speed
+    assert cones.kind == "cones"
+    np.testing.assert_allclose(sorted(cones.points), [(begin, -1.75), (begin, 1.75), (end, -1.75), (end, 1.75)])
+
+
 def test_the_gates_are_seen_from_the_front_bumper(plant):
     observation, _ = plant.reset(options={"state": {"longitudinal_position": 10.0}, "direction": "right", **GATES})
     seen = dict(zip(plant.observation_names, observation * plant.observation_scale, strict=True))
