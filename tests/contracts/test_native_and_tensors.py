@@ -1,12 +1,13 @@
 """The native vector environment and the one on tensors: the same keywords, defaults, info, masks and words."""
 
 import inspect
+from collections.abc import Mapping
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from vector_cases import EVADE, IDS, LANE_CHANGE, MODES, STAB
+from vector_cases import ACTIVE, IDS, LANE_CHANGE, MODES, STAB
 
 from bicycle_env.envs import TorchVectorEnv
 from bicycle_env.envs.many.vector_env import SingleTrackVectorEnv
@@ -47,11 +48,11 @@ def test_a_method_of_both_has_one_signature():
 def test_info_is_the_same(env_id, mode, telemetry):
     """Straight running at the goal until all have settled; then the episode of one car ends."""
     pair = both(env_id, autoreset_mode=mode, on_invalid="terminate", telemetry=telemetry, tire="linear", steer="both")
-    lane_change = {"state": {"lateral_position": 3.5, "longitudinal_position": 900.0}, "direction": "left"}
-    options = lane_change if env_id == LANE_CHANGE else {"state": {}}
-    if env_id == EVADE:  # behind all gates, the same ones in both
-        gates = {"relative_friction": 0.7, "obstacle_time": 1.2, "obstacle_length": 0.6, "return_time": 1.5}
-        options = {"state": {"longitudinal_position": 900.0}, "direction": "left", **gates}
+    allowed = pair[0].task.options.items()  # drawn alike in both, behind all gates
+    drawn = {name: "left" if isinstance(range_, Mapping) else sum(range_) / 2.0 for name, range_ in allowed}
+    drawn |= {"amplitude": 0.01} if env_id == ACTIVE else {}
+    place = {"lateral_position": 3.5} if env_id == LANE_CHANGE else {}
+    options = {"state": {"longitudinal_position": 900.0, **place} if drawn else {}, **drawn}
     native, tensors = (env.reset(options=options)[1] for env in pair)
     assert_alike(native, tensors)
     actions = np.zeros((NUMBER, 2), np.float32)
@@ -67,7 +68,8 @@ def test_info_is_the_same(env_id, mode, telemetry):
             tensors = {name: value for name, value in tensors.items() if "final" not in name}
         assert_alike(native, tensors, rows=OTHERS if mode == "SameStep" else ALL)  # torch draws other starts
     last = native["final_info"] if mode == "SameStep" else native
-    assert last["is_success"].tolist() == [True, False, True, True]
+    wins = env_id != ACTIVE  # where it is judged at the end
+    assert last["is_success"].tolist() == [wins, False, wins, wins]
     assert last["_is_success"].tolist() == [row == ENDS or mode != "SameStep" for row in ALL]
     assert [set(env.reset()[1]) for env in pair] == [set(native) - FINAL] * 2
 

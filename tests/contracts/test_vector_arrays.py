@@ -13,7 +13,7 @@ from bicycle_env.envs.many.rows import Rows
 from bicycle_env.envs.registered_fleet import registered_fleet
 
 KINDS = {"end": np.int8, "cost": np.float64, "is_success": np.bool_}
-BYTES_PER_ROW = {False: 144, True: 624}
+BYTES_PER_ROW = {False: 248, True: 624}
 """The numbers of a car in float64, without and with numbers of its own, as docs/performance.md says."""
 
 
@@ -163,10 +163,17 @@ def test_keywords_per_row_are_copied():
     assert env.friction[0] == 0.5
 
 
-@pytest.mark.parametrize("env_id", IDS)
 @pytest.mark.parametrize("varied", BYTES_PER_ROW)
-def test_the_memory_of_a_row_is_what_is_documented(env_id, varied):
-    """Without its random generator, and without what all rows share."""
+def test_the_memory_of_a_row_is_what_is_documented(varied):
+    """Of the task that needs most; without its random generator, and without what all rows share."""
+    largest = max(memory_of(env_id, varied) for env_id in IDS)
+    assert 0.95 * BYTES_PER_ROW[varied] < largest <= BYTES_PER_ROW[varied]
+    page = (Path(__file__).parents[2] / "docs" / "performance.md").read_text()
+    assert f"{BYTES_PER_ROW[False]} bytes" in page
+    assert f"{BYTES_PER_ROW[True]} where" in page
+
+
+def memory_of(env_id, varied):
     many = 64 * 100
     fleet = registered_fleet(gym.spec(env_id), many, {"friction": np.ones(many)} if varied else {})
     sizes = {}
@@ -175,8 +182,5 @@ def test_the_memory_of_a_row_is_what_is_documented(env_id, varied):
         entries = len(one.observation_entries)
         kind = Kind(one.task, one.model, entries, max(ROW_COST), varied, dtype)
         sizes[dtype] = Rows(kind, fleet, many, 400).numbers.nbytes // many
-    assert 0.5 * BYTES_PER_ROW[varied] < sizes["float64"] <= BYTES_PER_ROW[varied]
     assert sizes["float32"] == sizes["float64"] // 2
-    page = (Path(__file__).parents[2] / "docs" / "performance.md").read_text()
-    assert f"{BYTES_PER_ROW[False]} bytes" in page
-    assert f"{BYTES_PER_ROW[True]} where" in page
+    return sizes["float64"]

@@ -5,10 +5,12 @@ import itertools
 import gymnasium as gym
 import numpy as np
 import pytest
+from combinations import ON_ROADS
 from vector_cases import (
     ACTIVE,
     COMBINATIONS,
     LANE_CHANGE,
+    PAIRWISE,
     STAB,
     TIME_LIMIT,
     Alone,
@@ -35,7 +37,7 @@ every = pytest.mark.parametrize("combination", COMBINATIONS, ids=lambda c: "-".j
 
 def test_the_combinations_hold_every_pair_of_values():
     for one, other in itertools.combinations(range(len(Combination._fields)), 2):
-        pairs = {(row[one], row[other]) for row in COMBINATIONS}
+        pairs = {(row[one], row[other]) for row in COMBINATIONS[:PAIRWISE]}
         assert pairs == set(itertools.product({pair[0] for pair in pairs}, {pair[1] for pair in pairs}))
 
 
@@ -47,7 +49,8 @@ def test_each_row_is_the_single_environment(combination):
     ends = set()
     for steer, telemetry, mode in VARIANTS:
         ends |= compare_with_alone(combination, mode, steer=steer, telemetry=telemetry)
-    assert {"", "time-out"} < ends, "no car ended by itself, or none timed out"
+    assert {"", "time-out"} <= ends, "none timed out"
+    assert len(ends) > 2 or combination.id not in ON_ROADS, "no car ended by itself"
 
 
 def compare_with_alone(combination, mode, steps=130, **keywords):

@@ -41,7 +41,8 @@ COMBINATIONS = [
     Combination(EVADE, "fiala", "exact", "default", FEW, True),
     Combination(EVADE, "linear", "small_angle", "quadratic", MANY, False),
 ]
-"""Every pair of values of two columns stands in one of the first rows; compiling all 128 would take minutes."""
+PAIRWISE = 8
+"""Every pair of values of two columns stands in one of so many first rows; compiling all 128 would take minutes."""
 
 
 def some_rows(num_envs):
