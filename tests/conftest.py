@@ -20,16 +20,22 @@ def pytest_configure():
 
 
 LATER = ("BicycleDoubleLaneChange-v0", "BicycleActiveSteer-v0", "BicycleEvade-v0")
-"""Ids that go through the contracts in `make test-all`; `make test` has their own tests, pages and keywords."""
-AT_ONCE = ("test_env_documentation.py", "test_env_keywords.py")
+"""Ids of which `make test` has the pages, keywords, golden rollouts and published cases; the rest is in `make test-all`."""
+AT_ONCE = ("test_env_documentation.py", "test_env_keywords.py", "test_golden_rollouts.py", "test_published_cases.py")
+OF_THEM = (
+    "test_active_steer.py",
+    "test_double_lane_change.py",
+    "test_evade.py",
+    "test_evade_path.py",
+    "test_rear_steering.py",
+)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     for item in items:
         parameters = getattr(item, "callspec", None)
-        if parameters is None or item.path.name in AT_ONCE or item.path.parent.name not in ("contracts", "wrappers"):
-            continue
-        values = [getattr(value, "id", value) for value in parameters.params.values()]
-        if any(value in LATER for value in values if isinstance(value, str)):
+        values = [] if parameters is None else [getattr(each, "id", each) for each in parameters.params.values()]
+        of_them = any(value in LATER for value in values if isinstance(value, str))
+        if item.path.name in OF_THEM or (of_them and item.path.name not in AT_ONCE):
             item.add_marker(pytest.mark.exhaustive)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import rollouts
 from combinations import only_all
-from rollouts import DOUBLE_LANE_CHANGE, ROLLOUTS, name_of, record
+from rollouts import ROLLOUTS, name_of, record
 
 FROZEN = json.loads(rollouts.FILE.read_text(encoding="utf-8"))
 FEATURES = dict(llvm.get_host_cpu_features())
@@ -31,9 +31,8 @@ GENERIC = {"NUMBA_CPU_NAME": "generic"}
 on_x86_with_fma = pytest.mark.skipif(not FEATURES.get("fma") or not FEATURES.get("avx2"), reason="not this processor's")
 
 PAIRWISE = range(8)
-FORM_AMONG_OTHERS = {**dict(enumerate(("8", "64", "64", "8", "8", "64", "8", "64"))), 20: "8", 23: "64"}
-"""Of the pairwise rollouts, the blocks of the combinations of tests/contracts, which are compiled there, too; and of a
-rollout of each task that came later."""
+FORM_AMONG_OTHERS = dict(enumerate(("8", "64", "64", "8", "8", "64", "8", "64")))
+"""Of the pairwise rollouts: the blocks of the combinations of tests/contracts, which are compiled there, too."""
 
 
 def test_every_rollout_is_frozen():
@@ -53,16 +52,8 @@ def test_one_car_is_one_of_many_and_the_bits_are_the_frozen_ones(number):
     different = np.argwhere(alone.rewards != together.rewards)
     assert len(different) == 0, f"first at step and car {different[0]}"
     assert alone.hash == together.hash == FROZEN[name_of(rollout)]
-    assert "time-out" in alone.ends or rollout.id == DOUBLE_LANE_CHANGE  # where nobody is 1.2 s between the cones
-    assert {"spun", "left_lane", "left_road", "left_course"} & alone.ends
-
-
-@pytest.mark.parametrize("number", [26])
-def test_an_evasion_has_the_frozen_bits(number):
-    rollout = ROLLOUTS[number]
-    alone, together = record(rollout, "single"), record(rollout, "8")
-    assert alone.hash == together.hash == FROZEN[name_of(rollout)]
-    assert "left_corridor" in alone.ends
+    assert "time-out" in alone.ends
+    assert {"spun", "left_lane", "left_road"} & alone.ends
 
 
 @pytest.mark.parametrize("number", [18])
