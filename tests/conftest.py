@@ -20,7 +20,7 @@ def pytest_configure():
 
 
 LATER = ("BicycleDoubleLaneChange-v0", "BicycleActiveSteer-v0", "BicycleEvade-v0")
-"""Ids of which `make test` has the pages, keywords, golden rollouts and published cases; the rest is in `make test-all`."""
+"""Of these `make test` has pages, keywords, golden rollouts and published cases; the rest is in `make test-all`."""
 AT_ONCE = ("test_env_documentation.py", "test_env_keywords.py", "test_golden_rollouts.py", "test_published_cases.py")
 OF_THEM = (
     "test_active_steer.py",
