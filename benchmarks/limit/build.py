@@ -49,7 +49,7 @@ def layout_header(rows: int) -> str:
     """layout.h: where each number stands in a block and among those that all rows share."""
     fleet = registered_fleet(gym.spec("BicycleStab-v0"), rows, {})
     entries = len(fleet.observation_scale)
-    kind = blocks.Kind(fleet.configuration.task, entries, rows, False, "float64")
+    kind = blocks.Kind(fleet.configuration.task, fleet.configuration.model, entries, rows, False, "float64")
     columns, shared = blocks.layout(kind), blocks.shared_layout(kind)
     names = [f"COLUMN_{name} = {k}" for k, name in enumerate((*CarState._fields, *blocks.KEPT, "end"), columns.state)]
     names += [f"NUMBER_{name} = {k}" for k, name in enumerate(CarParameters._fields, shared.car)]
