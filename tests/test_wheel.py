@@ -26,7 +26,7 @@ def test_the_wheel_installs_and_steps_elsewhere(tmp_path):
     tops = {name.split("/")[0] for name in names}
     assert tops == {"bicycle_env", f"{'-'.join(wheel.name.split('-')[:2])}.dist-info"}
     assert "bicycle_env/py.typed" in names
-    assert "bicycle_env/control/lqr_weights.json" in names
+    assert "bicycle_env/control/tuned_parameters.json" in names
 
     site = tmp_path / "site"
     run("-m", "pip", "install", "-q", "--no-deps", "--target", str(site), str(wheel))

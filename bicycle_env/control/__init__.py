@@ -12,7 +12,8 @@ from bicycle_env.control.mpc import MPC
 from bicycle_env.control.network import Network, load
 from bicycle_env.control.pole_placement import PolePlacement
 from bicycle_env.control.policy import Plant, Policy, Zero
-from bicycle_env.control.registry import NAMES, POLICIES, descriptions, make
+from bicycle_env.control.registry import NAMES, POLICIES, TUNABLE, descriptions, from_file, make, tunable
+from bicycle_env.control.tunable import Candidates, Parameter, TunableLaw, TunablePolicy, searched, values_of
 
 __all__ = [
     "DRIVERS",
@@ -23,20 +24,29 @@ __all__ = [
     "POLICIES",
     "REAR_LAWS",
     "REAR_STEERINGS",
+    "TUNABLE",
+    "Candidates",
     "ContinuousLQR",
     "DriverAndLaw",
     "EvadePath",
     "Network",
+    "Parameter",
     "PathRound",
     "Plant",
     "PolePlacement",
     "Policy",
     "ScheduledLQR",
+    "TunableLaw",
+    "TunablePolicy",
     "Weights",
     "Zero",
     "descriptions",
+    "from_file",
     "load",
     "make",
     "read_weights",
+    "searched",
+    "tunable",
     "tuned_weights",
+    "values_of",
 ]

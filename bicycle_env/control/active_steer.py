@@ -6,16 +6,16 @@ They know the nominal car and what the observation shows: with ``observed="state
 from __future__ import annotations
 
 import abc
-import json
-from importlib import resources
+from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_env.control.policy import Array, Plant, Policy
+from bicycle_env.control.policy import Array, Plant
 from bicycle_env.control.remembered import Remembered
+from bicycle_env.control.tunable import Parameter, TunableLaw, values_of
 from bicycle_env.physics.car import car_on_road
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.tasks.steadiness import reference_yaw_rate
@@ -23,7 +23,15 @@ from bicycle_env.tasks.steadiness import reference_yaw_rate
 Matrix = NDArray[np.float64]
 
 NEEDED = ("yaw_rate", "lateral_acceleration", "front_steer", "driver_command", "speed", "driver_finished")
-SIGNALS = ("yaw_rate", "sideslip", "front_steer", "driver_command", "reference_yaw_rate")
+SEARCH = {
+    "yaw_rate": (0.1, 0.1),
+    "sideslip": (0.0, 0.3),
+    "front_steer": (0.0, 0.5),
+    "driver_command": (0.0, 0.5),
+    "reference_yaw_rate": (-0.1, 0.1),
+}
+"""Of the gains, signal by signal: where a search begins, and how far around it."""
+SIGNALS = tuple(SEARCH)
 """What a gain is for; rad, and rad/s with gains in s."""
 PHASES = ("first half", "second half", "after")
 """Of the driver's manoeuvre; before it, the first."""
@@ -46,7 +54,7 @@ class SideslipObserver:
         return after
 
 
-class RearSteering(Policy):
+class RearSteering(TunableLaw):
     """Base: rear steer = gains' signals, clipped; the gains may be others in each phase of the driver's manoeuvre.
 
     Args:
@@ -54,7 +62,7 @@ class RearSteering(Policy):
         gains: (parameters,), see ``matrix``; by default those that come with the package.
     """
 
-    parameters: ClassVar[int]
+    tuned_for: ClassVar[str] = "active_steer"
 
     def __init__(self, plant: Plant, gains: Any = None) -> None:
         names = list(plant.observation_names)
@@ -66,9 +74,11 @@ class RearSteering(Policy):
         if plant.steer == "front":
             raise ValueError(f"steer must be 'rear' or 'both' for {self.name!r}, got 'front'")
         self.model = plant.linear_model(quasi_static=True)
-        self.gains = np.array(shipped_gains()[self.name] if gains is None else gains, dtype=np.float64)
-        if self.gains.shape != (self.parameters,):
-            raise ValueError(f"gains must be {self.parameters} numbers, got shape {self.gains.shape}")
+        self.gains = np.array(
+            values_of(type(self), plant, self.usual(plant) or {}) if gains is None else gains, dtype=np.float64
+        )
+        if self.gains.shape != (len(self.parameters),):
+            raise ValueError(f"gains must be {len(self.parameters)} numbers, got shape {self.gains.shape}")
         self._matrix = self.matrix(self.gains)
         self._places = {name: names.index(name) for name in (*NEEDED, "sideslip") if name in names}
         self._scale = plant.observation_scale
@@ -82,9 +92,12 @@ class RearSteering(Policy):
     def matrix(self, gains: Matrix) -> Matrix:
         """(3, 5): by phase and signal."""
 
-    def vary(self, gains: Matrix) -> None:
-        """Let each car have gains of its own, (cars, parameters), as a search over them wants it."""
-        self._matrix = np.array([self.matrix(row) for row in gains])
+    @classmethod
+    def of(cls, plant: Plant, values: Matrix) -> Self:
+        return cls(plant, values)
+
+    def vary(self, values: Matrix) -> None:
+        self._matrix = np.array([self.matrix(row) for row in values])
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         self._remembered.reset(rows)
@@ -122,11 +135,16 @@ class RearSteering(Policy):
         return seen.front_steer, seen.driver_command, reference_yaw_rate(NUMPY)(own, self._car)
 
 
+def gains_on(signals: Sequence[str], prefix: str = "") -> tuple[Parameter, ...]:
+    """The gains of a linear law as parameters."""
+    return tuple(Parameter(prefix + name, -100.0, 100.0, *SEARCH[name]) for name in signals)
+
+
 class YawRateFeedback(RearSteering):
     """Rear wheels by the yaw rate's error, one gain [s]: what simple active rear steering does."""
 
     name = "rear-yaw-rate"
-    parameters = 1
+    parameters = (Parameter("yaw_rate_error", -100.0, 100.0, *SEARCH["yaw_rate"]),)
 
     def matrix(self, gains: Matrix) -> Matrix:
         return np.tile([gains[0], 0.0, 0.0, 0.0, -gains[0]], (len(PHASES), 1))
@@ -136,7 +154,7 @@ class LinearFeedforward(RearSteering):
     """Linear feedback of yaw rate and sideslip with a feedforward of what the driver does, five gains."""
 
     name = "rear-linear"
-    parameters = 5
+    parameters = gains_on(SIGNALS)
 
     def matrix(self, gains: Matrix) -> Matrix:
         return np.tile(gains, (len(PHASES), 1))
@@ -146,7 +164,7 @@ class Switched(RearSteering):
     """The linear law with gains of its own in each phase of the driver's manoeuvre, fifteen; odd as the others."""
 
     name = "rear-switched"
-    parameters = 15
+    parameters = tuple(one for phase in PHASES for one in gains_on(SIGNALS, phase.replace(" ", "_") + "_"))
 
     def matrix(self, gains: Matrix) -> Matrix:
         return gains.reshape(len(PHASES), len(SIGNALS))
@@ -155,9 +173,3 @@ class Switched(RearSteering):
 REAR_STEERINGS: dict[str, type[RearSteering]] = {
     law.name: law for law in (YawRateFeedback, LinearFeedforward, Switched)
 }
-
-
-def shipped_gains() -> dict[str, list[float]]:
-    """Name -> gains that come with the package; the file says how they were found."""
-    content = json.loads(resources.files("bicycle_env.control").joinpath("active_steer_gains.json").read_text("utf-8"))
-    return {name: row["gains"] for name, row in content.items() if isinstance(row, dict) and "gains" in row}

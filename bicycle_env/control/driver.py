@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel
 from bicycle_env.control.design.observation_map import Matrix, Reading
 from bicycle_env.control.design.path import path_ahead
-from bicycle_env.control.policy import Array, Plant, Policy
+from bicycle_env.control.policy import Array, Plant
 from bicycle_env.control.remembered import Remembered
+from bicycle_env.control.tunable import ArgumentPolicy, Parameter
 from bicycle_env.physics.validation import number, positive
 
 
-class Driver(Policy):
+class Driver(ArgumentPolicy):
     """Someone at the front wheels. Where the rear axle is steered too, its action is 0: see ``DriverAndLaw``.
 
     Args:
@@ -102,6 +103,10 @@ class Preview(Driver):
     """
 
     name = "preview"
+    parameters = (
+        Parameter("preview_time", 0.1, 5.0, 1.3, 0.2, scale="log"),
+        Parameter("delay", 0.0, 1.0, 0.2, 0.1),
+    )
 
     def __init__(
         self, plant: Plant, preview_time: float = 1.3, delay: float = 0.2, model: LinearModel | None = None
@@ -156,6 +161,11 @@ class Stanley(Driver):
     """
 
     name = "stanley"
+    parameters = (
+        Parameter("gain", 0.01, 100.0, 1.0, 0.3, scale="log"),
+        Parameter("softening", 0.0, 10.0, 1.0, 0.5),
+        Parameter("yaw_damping", 0.0, 10.0, 0.2, 0.1),
+    )
 
     def __init__(
         self,

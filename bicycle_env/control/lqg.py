@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.control.design.estimation import MEASURED, Disturbance, MeasuredSignals, Noise, sideslip_filter
 from bicycle_env.control.design.observation_map import Reading
-from bicycle_env.control.lqr import Weights, design_model, discrete_design
-from bicycle_env.control.policy import Array, Plant, Policy
+from bicycle_env.control.lqr import WeightedPolicy, Weights, design_model, discrete_design
+from bicycle_env.control.policy import Array, Plant
 from bicycle_env.control.remembered import Remembered
 
 Matrix = NDArray[np.float64]
@@ -18,7 +18,7 @@ BODY, STEER = slice(2, 4), slice(4, 6)
 WITHOUT_SIDESLIP = tuple(name for name in STATE_NAMES[1:] if name != "lateral_velocity")
 
 
-class LQG(Policy):
+class LQG(WeightedPolicy):
     """LQR on what a car can measure: a Kalman filter finds the sideslip from yaw rate and lateral acceleration.
 
     Lateral position, heading and the path ahead are a lane camera's, the road-wheel angles the steering's own sensors';

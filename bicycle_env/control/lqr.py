@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Iterable
-from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +14,7 @@ from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuo
 from bicycle_env.control.design.gains import continuous_preview_gain, preview_gain, zero_order_hold
 from bicycle_env.control.design.observation_map import Reading, interpolation, look_ahead_times
 from bicycle_env.control.policy import Array, Plant, Policy
+from bicycle_env.control.tunable import Parameter, TunablePolicy, searched, shipped_rows
 from bicycle_env.files import number_in, read_json, table
 from bicycle_env.physics.validation import checked_speed, choice, number
 
@@ -51,10 +50,7 @@ def tuned_weights(task_name: str) -> Weights:
 
 def _tuned() -> dict[str, Weights]:
     """Task -> weights."""
-    content = json.loads(resources.files("bicycle_env.control").joinpath("lqr_weights.json").read_text("utf-8"))
-    return {
-        name: Weights(**row["weights"]) for name, row in content.items() if isinstance(row, dict) and "weights" in row
-    }
+    return {row["task"]: Weights(1.0, **row["parameters"]) for row in shipped_rows() if row["controller"] == LQR.name}
 
 
 def cost_matrices(plant: Plant, weights: Weights | None, speed: float) -> tuple[Matrix, Matrix]:
@@ -111,6 +107,35 @@ def design_model(plant: Plant, speed: float | None = None, discretisation: str =
     return model._replace(A=A, B=B)
 
 
+class WeightedPolicy(TunablePolicy):
+    """Base of those designed with ``weights``, as parameters relative to that of the lateral position."""
+
+    parameters = (
+        Parameter("heading", 1.0, 10.0**3.5, scale="log"),
+        Parameter("sideslip", 0.1, 10.0**3.5, scale="log"),
+        Parameter("yaw_rate", 0.01, 10.0**2.5, scale="log"),
+        Parameter("front_command", 0.01, 10.0**1.5, scale="log", axle="front"),
+        Parameter("rear_command", 0.01, 10.0**1.5, scale="log", axle="rear"),
+    )
+
+    @classmethod
+    def of(cls, plant: Plant, values: Matrix) -> Self:
+        made: Any = cls
+        policy: Self = made(plant, weights=weights_of(searched(cls, plant), values))
+        return policy
+
+    @classmethod
+    def usual(cls, plant: Plant) -> dict[str, float] | None:
+        tuned = _tuned().get(plant.task.name)
+        return tuned and {one.name: getattr(tuned, one.name) for one in cls.parameters}
+
+
+def weights_of(parameters: Iterable[Parameter], values: Matrix) -> Weights:
+    """Weights with these values; those that are not among the parameters are 1."""
+    found = {one.name: float(value) for one, value in zip(parameters, values, strict=True)}
+    return Weights(**{**dict.fromkeys(Weights._fields, 1.0), **found})
+
+
 class StateFeedback(Policy):
     """Base of the linear controllers: action = -gain x + feedforward' observation, clipped.
 
@@ -130,7 +155,7 @@ class StateFeedback(Policy):
         return np.asarray(action, np.float32)
 
 
-class LQR(StateFeedback):
+class LQR(StateFeedback, WeightedPolicy):
     """Discrete LQR on the full state, with optimal preview where the task shows the path ahead.
 
     It is designed for the environment that it is given (its vehicle, speed, actuators, control timestep), linearised
@@ -149,7 +174,7 @@ class LQR(StateFeedback):
         super().__init__(plant, model, gain, -Reading(plant).path_feedback(self.preview))
 
 
-class ContinuousLQR(StateFeedback):
+class ContinuousLQR(StateFeedback, WeightedPolicy):
     """LQR designed in continuous time, with the actuators' lags as states; the control step's hold is not in it.
 
     Attributes as those of :class:`LQR`; the model's timestep is 0.
@@ -172,7 +197,7 @@ class ContinuousLQR(StateFeedback):
         super().__init__(plant, model, gain, -Reading(plant).path_feedback(self.preview))
 
 
-class ScheduledLQR(Policy):
+class ScheduledLQR(WeightedPolicy):
     """Discrete LQR with its gains scheduled over the speed: designed at the nodes, interpolated linearly between them.
 
     It acts with the gain at ``speed``, at first the plant's; assign the car's present speed [m/s] to it, or one per

@@ -14,6 +14,7 @@ from bicycle_env.control.design.gains import pole_placement_gain
 from bicycle_env.control.design.path import path_ahead
 from bicycle_env.control.lqr import StateFeedback
 from bicycle_env.control.policy import Plant
+from bicycle_env.control.tunable import ArgumentPolicy, Parameter
 from bicycle_env.physics.validation import number, positive
 
 Matrix = NDArray[np.float64]
@@ -23,7 +24,7 @@ PATH_FREQUENCY = 2.0
 LEAST_DAMPING = 0.7
 
 
-class PolePlacement(StateFeedback):
+class PolePlacement(StateFeedback, ArgumentPolicy):
     """Pole placement: unstable modes reflected, badly damped ones damped, the actuators left as they are.
 
     The wanted poles come from the open loop (:func:`wanted_poles`) and are placed on the discrete model, at
@@ -42,6 +43,10 @@ class PolePlacement(StateFeedback):
     """
 
     name = "pole-placement"
+    parameters = (
+        Parameter("path_frequency", 0.1, 20.0, PATH_FREQUENCY, 0.2, scale="log"),
+        Parameter("least_damping", 0.1, 1.0, LEAST_DAMPING, 0.15),
+    )
 
     def __init__(
         self, plant: Plant, path_frequency: float = PATH_FREQUENCY, least_damping: float = LEAST_DAMPING

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import inspect
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from bicycle_env.control.active_steer import REAR_STEERINGS
@@ -11,10 +13,12 @@ from bicycle_env.control.driver import DRIVERS
 from bicycle_env.control.evade_path import EvadePath
 from bicycle_env.control.four_wheel_steer import COMBINATIONS, REAR_LAWS, driver_and_law
 from bicycle_env.control.lqg import LQG
-from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR
+from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, read_weights
 from bicycle_env.control.mpc import MPC
 from bicycle_env.control.pole_placement import PolePlacement
 from bicycle_env.control.policy import Plant, Policy, Zero
+from bicycle_env.control.tunable import TunablePolicy, values_of
+from bicycle_env.files import anything, mapping, naming, read_json, table, text
 from bicycle_env.physics.validation import choice
 
 CLASSES: tuple[type[Policy], ...] = (
@@ -32,8 +36,27 @@ CLASSES: tuple[type[Policy], ...] = (
 POLICIES: dict[str, Any] = {policy.name: policy for policy in CLASSES}
 """Name -> class of the controllers that are made from an environment alone."""
 
+TUNABLE: dict[str, type[TunablePolicy]] = {
+    policy.name: policy for policy in CLASSES if issubclass(policy, TunablePolicy)
+}
+"""Those of ``POLICIES`` that declare parameters."""
+
 NAMES = (*POLICIES, *COMBINATIONS)
 """All that ``make`` takes: ``POLICIES`` and every driver with every rear-steer law."""
+
+
+def tunable(name: str) -> type[TunablePolicy]:
+    """The class of a controller whose parameters can be tuned; one of one's own is "module:Class".
+
+    Raises:
+        ValueError, TypeError: an unknown name (the message proposes the nearest); a class that declares no parameters.
+    """
+    if isinstance(name, str) and ":" in name:
+        found = _class_of_ones_own(name)
+        if not issubclass(found, TunablePolicy):
+            raise TypeError(f"controller {name!r} must be a TunablePolicy to have parameters")
+        return found
+    return TUNABLE[choice("controller with parameters", name, TUNABLE)]
 
 
 class OtherCar:
@@ -63,45 +86,87 @@ def designed_for(plant: Any, vehicle: Any = None, speed: float | None = None) ->
     return OtherCar(plant, type(plant)(**given))
 
 
-def make(name: str, env: Any, *, vehicle: Any = None, speed: float | None = None) -> Policy:
+def make(
+    name: str,
+    env: Any,
+    *,
+    parameters: Mapping[str, float] | str | Path | None = None,
+    vehicle: Any = None,
+    speed: float | None = None,
+) -> Policy:
     """A controller by name, designed for an environment.
 
     Args:
         name: one of ``POLICIES``, or DRIVER+LAW: a driver at the front wheels and a law at the rear ones, for example
             "preview+sano"; or "module:Class", a :class:`Policy` of one's own, which is made from the environment.
         env: the environment, wrapped or not.
+        parameters: of a controller of ``TUNABLE``, by their names, or a file that ``agents.tune`` wrote; those that the
+            class's ``parameters`` list. By default the controller's own.
         vehicle, speed: another car [as ``gym.make`` takes it] and speed [m/s] to design for than those that are driven:
             how robust is it?
 
     Raises:
         ValueError, TypeError: an unknown name (the message proposes the nearest); a controller that cannot drive this
-            environment, for example a driver where only the rear wheels are steered.
+            environment, for example a driver where only the rear wheels are steered; a parameter out of range.
+        FileError, OSError: a file that cannot be read, or is of another controller.
     """
     plant: Plant = getattr(env, "unwrapped", env)
     if not hasattr(plant, "linear_model"):
         raise TypeError(f"env must be an environment of this package, got {env!r}")
     if vehicle is not None or speed is not None:
         plant = designed_for(plant, vehicle, speed)
+    if isinstance(parameters, str | Path):
+        return _from_file(parameters, plant, name)
+    if parameters is not None:
+        controller = tunable(name)
+        return controller.of(plant, values_of(controller, plant, parameters))
     if isinstance(name, str) and name in REAR_LAWS:
         drivers = " or ".join(repr(f"{driver}+{name}") for driver in DRIVERS)
         raise ValueError(f"policy {name!r} steers the rear wheels only, and needs a driver at the front: {drivers}.")
     if isinstance(name, str) and ":" in name:
-        return _of_ones_own(name, plant)
+        made: Any = _class_of_ones_own(name)
+        own: Policy = made(plant)
+        return own
     choice("policy", name, NAMES)
     policy: Policy = POLICIES[name](plant) if name in POLICIES else driver_and_law(name, plant)
     return policy
 
 
-def _of_ones_own(name: str, plant: Plant) -> Policy:
+def from_file(path: str | Path, env: Any) -> Policy:
+    """The controller in a file that ``agents.tune`` wrote, LQR's weights of older ones included; nothing is executed.
+
+    Raises:
+        FileError: a damaged file, an unknown controller, a parameter that is unknown, missing or out of range.
+        ValueError, TypeError: a controller that cannot drive this environment.
+        OSError: the file cannot be read.
+    """
+    return _from_file(path, getattr(env, "unwrapped", env))
+
+
+def _from_file(path: str | Path, plant: Plant, name: str | None = None) -> Policy:
+    content = read_json(path, table({}, {"controller": text(), "parameters": mapping(anything)}, others=True))
+    found = content.get("controller", LQR.name if "weights" in content else None)
+    with naming(path):
+        controller = TUNABLE[choice("controller", found, TUNABLE)]
+        if name not in (None, found):
+            raise ValueError(f"controller must be {name!r}, got {found!r}")
+        if "weights" not in content:
+            values = values_of(controller, plant, mapping(anything)("parameters", content.get("parameters")))
+    if "weights" in content:
+        return LQR(plant, read_weights(path))
+    return controller.of(plant, values)
+
+
+def _class_of_ones_own(name: str) -> type[Policy]:
     module_name, _, class_name = name.partition(":")
     try:
         module = importlib.import_module(module_name)
     except ImportError as error:
         raise ValueError(f"policy {name!r}: the module {module_name!r} cannot be imported ({error})") from None
-    classes = [key for key, value in vars(module).items() if isinstance(value, type) and issubclass(value, Policy)]
-    made = vars(module)[choice(f"policy: class in {module_name}", class_name, classes)](plant)
-    policy: Policy = made
-    return policy
+    classes = {
+        key: value for key, value in vars(module).items() if isinstance(value, type) and issubclass(value, Policy)
+    }
+    return classes[choice(f"policy: class in {module_name}", class_name, classes)]
 
 
 def descriptions() -> dict[str, str]:

@@ -61,8 +61,8 @@ def tune_gains(
     law = REAR_STEERINGS[choice("controller", controller, REAR_STEERINGS)]
     plant: Any = gym.make(env_id, **keywords).unwrapped
     policy, cars = law(plant), dict[int, Any]()
-    repeats = -(-law.parameters // len(CENTRE)) if law.parameters > 1 else 1
-    centre, size = (np.tile(values, repeats)[: law.parameters] for values in (CENTRE, SIZE))
+    repeats = -(-len(law.parameters) // len(CENTRE)) if len(law.parameters) > 1 else 1
+    centre, size = (np.tile(values, repeats)[: len(law.parameters)] for values in (CENTRE, SIZE))
 
     def outcomes(candidates: NDArray[Any], seeds: Sequence[int]) -> list[Outcomes]:
         count, starts = len(candidates), len(seeds)
@@ -80,10 +80,10 @@ def tune_gains(
     finalists: list[NDArray[np.float64]] = []
     for restart in range(restarts):
         random = np.random.default_rng([seed, restart])
-        mean, deviation = centre + size * random.standard_normal(law.parameters), 1.5 * size
+        mean, deviation = centre + size * random.standard_normal(len(law.parameters)), 1.5 * size
         best, best_score = mean, -np.inf
         for iteration in range(iterations):
-            candidates = mean + deviation * random.standard_normal((POPULATION, law.parameters))
+            candidates = mean + deviation * random.standard_normal((POPULATION, len(law.parameters)))
             found = scores(outcomes(candidates, tuning_seeds))
             order = np.argsort(-found, kind="stable")
             if found[order[0]] > best_score:

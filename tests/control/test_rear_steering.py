@@ -8,7 +8,7 @@ from bicycle_env import control, optimum
 from bicycle_env.control.active_steer import SIGNALS
 
 ID = "BicycleActiveSteer-v0"
-NUMBERS = {name: np.linspace(0.3, -0.4, law.parameters) for name, law in control.REAR_STEERINGS.items()}
+NUMBERS = {name: np.linspace(0.3, -0.4, len(law.parameters)) for name, law in control.REAR_STEERINGS.items()}
 START = {"direction": "left", "relative_speed": 0.9, "relative_friction": 0.8, "amplitude": 0.03}
 
 
