@@ -115,19 +115,19 @@ def tuned_lqr(
 ) -> tuple[MakePolicy, dict[str, Any]]:
     """LQR with weights tuned just beyond the speed that it passes so far, until that gains nothing."""
 
-    def maker(weights: control.Weights | None) -> MakePolicy:
-        return lambda env: control.LQR(env.unwrapped, weights)  # type: ignore[arg-type]
+    def maker(parameters: dict[str, float] | None) -> MakePolicy:
+        return lambda env: control.make("lqr", env, parameters=parameters)
 
-    best: control.Weights | None = None
+    best: dict[str, float] | None = None
     reached = highest(speeds, shares(keywords, speeds, maker(best), seeds))
     for _ in range(ROUNDS):
         with messages.progress() as bar:
             tuning = tune.tune(ENV_ID, {**keywords, "speed": reached + BEYOND}, seed, bar, restarts=3, iterations=8)
-        now = highest(speeds, shares(keywords, speeds, maker(tuning.best.weights), seeds))
+        now = highest(speeds, shares(keywords, speeds, maker(tuning.best.parameters), seeds))
         if now <= reached:
             break
-        best, reached = tuning.best.weights, now
-    return maker(best), {"weights": None if best is None else best._asdict()}
+        best, reached = tuning.best.parameters, now
+    return maker(best), {"parameters": best}
 
 
 def table(rows: dict[str, dict[str, dict[str, Any]]]) -> Table:

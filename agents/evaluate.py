@@ -42,7 +42,7 @@ class Args:
     """Environment id."""
     policy: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME|FOLDER|FILE.json [...]")] = ("lqr", "zero")
     """Controllers by name, listed above; folders with policy.safetensors and policy.json, as train writes them; .json
-    files of LQR's weights, as tune writes them."""
+    files of a controller's parameters, as tune writes them."""
     episodes: int = 100
     """Episodes per policy."""
     seed: int = 1
@@ -134,14 +134,14 @@ def parse_keywords(text: str) -> dict[str, Any]:
 
 
 def find_policy(name: str, env: gym.Env) -> control.Policy:
-    """A controller by its name, a trained policy by its folder, or LQR with the weights in a file.
+    """A controller by its name, a trained policy by its folder, or a controller with the parameters in a file.
 
     UserError for one that does not fit the environment.
     """
     if name.endswith(".json"):
         try:
-            return control.LQR(env.unwrapped, control.read_weights(name))
-        except (ValueError, np.linalg.LinAlgError) as error:
+            return control.from_file(name, env)
+        except (TypeError, ValueError, np.linalg.LinAlgError) as error:
             raise UserError(shown(error)) from None
     if not trained.is_trained(name):
         try:

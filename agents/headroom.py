@@ -146,8 +146,8 @@ def condition(keywords: dict[str, Any], args: Args, bar: Progress) -> tuple[dict
         BOUND: {"success_rate": share(inside), "seconds": round(lap(), 1)},
     }
     tuning = tune.tune(ENV_ID, keywords, args.search_seed, bar)
-    row["tuning"] = {**tune.record(tuning), "seconds": round(lap(), 1)}
-    tuned = control.LQR(plant, tuning.best.weights)
+    row["tuning"] = {**tune.record("lqr", tuning), "seconds": round(lap(), 1)}
+    tuned = control.make("lqr", env, parameters=tuning.best.parameters)
     cars = optimum.make_cars(ENV_ID, keywords, args.episodes)
     policies = {"uncontrolled": control.Zero(plant), "shipped": control.LQR(plant), "tuned": tuned}
     for name, policy in policies.items():

@@ -1,13 +1,12 @@
-"""Tune a controller for an environment, so that what a learner is compared with is a good regulator and no straw man.
+"""Tune a controller for an environment, so that what a learner is compared with is a good one and no straw man.
 
     python -m agents.tune --env-id BicycleStab-v0 --env-keywords '{"friction": 0.4}' --out runs/icy.json
     python -m agents.evaluate --env-keywords '{"friction": 0.4}' --policy runs/icy.json lqr
     python -m agents.tune --env-id BicycleActiveSteer-v0 --controller rear-switched --out runs/switched.json
 
-The cross-entropy method over the logarithms of the LQR's weights (bicycle_env.optimum.tune_weights), or over the gains
-of a rear-steer law (tune_gains), several times from random places, thousands of cars at once. The score is the success
-rate plus the mean reward per step. Candidates are scored on starts of their own, and the best is chosen on others; no
-evaluation uses either.
+The cross-entropy method over the controller's parameters (bicycle_env.optimum.tune), several times from random places,
+thousands of cars at once. The score is the success rate plus the mean reward per step. Candidates are scored on starts
+of their own, and the best is chosen on others; no evaluation uses either.
 """
 
 from __future__ import annotations
@@ -27,60 +26,46 @@ from agents import messages
 from agents.episodes import start_seeds
 from agents.evaluate import console_for_tables, make_env, parse_keywords
 from agents.messages import UserError
-from bicycle_env import optimum, provenance
+from bicycle_env import control, optimum, provenance
 from bicycle_env.files import write_json
 
 TUNING_STARTS, SELECTION_STARTS = 128, 1000
-LAW_ITERATIONS = 40
 
 
 @dataclass
 class Args:
-    """Find weights for the LQR, or gains for another controller, in one environment."""
+    """Find parameters for a controller in one environment."""
 
     env_id: str = "BicycleStab-v0"
     """Environment id."""
     env_keywords: str = "{}"
     """Keywords of the environment as JSON, for example '{"speed_ratio": 1.3, "steer": "rear"}'."""
     controller: str = "lqr"
-    """"lqr", or a rear-steer law of BicycleActiveSteer-v0."""
+    """One of those listed above, or "module:Class" of one's own, a control.TunablePolicy."""
     restarts: int = 5
-    """How often the search begins anew, from other random weights."""
+    """How often the search begins anew, from another random place."""
     iterations: int | None = None
-    """Of each; by default 10, of a rear-steer law 40."""
+    """Of each; by default 10, of a law whose cars have parameters of their own (rear-*, evade-path) 40."""
     seed: int = 0
     """Of the search and of its starts."""
     out: Path | None = None
-    """Weights file; by default runs/ENV_ID-weights.json."""
+    """File for the parameters; by default runs/ENV_ID-CONTROLLER.json."""
 
 
 def tune(
-    env_id: str, keywords: dict[str, Any], seed: int, bar: Progress, *, restarts: int = 5, iterations: int = 10
+    env_id: str,
+    keywords: dict[str, Any],
+    seed: int,
+    bar: Progress,
+    *,
+    controller: str = "lqr",
+    restarts: int = 5,
+    iterations: int | None = None,
 ) -> optimum.Tuning:
     """Tune for one environment on the starts that are kept for it, with a line in the progress bar."""
-    job = bar.add_task("tuning the LQR's weights", total=restarts * iterations)
+    job = bar.add_task(f"tuning {controller}", total=None)
     try:
-        return optimum.tune_weights(
-            env_id,
-            keywords,
-            start_seeds(TUNING_STARTS, seed, "tune"),
-            start_seeds(SELECTION_STARTS, seed, "select"),
-            restarts=restarts,
-            iterations=iterations,
-            seed=seed,
-            progress=lambda done, _: bar.update(job, completed=done),
-        )
-    except np.linalg.LinAlgError as error:
-        raise UserError(str(error)) from None
-
-
-def tune_law(
-    env_id: str, keywords: dict[str, Any], controller: str, seed: int, bar: Progress, *, restarts: int, iterations: int
-) -> optimum.GainTuning:
-    """The gains of a rear-steer law, likewise."""
-    job = bar.add_task(f"tuning {controller}", total=restarts * iterations)
-    try:
-        return optimum.tune_gains(
+        return optimum.tune(
             env_id,
             keywords,
             controller,
@@ -89,107 +74,92 @@ def tune_law(
             restarts=restarts,
             iterations=iterations,
             seed=seed,
-            progress=lambda done, _: bar.update(job, completed=done),
+            progress=lambda done, total: bar.update(job, completed=done, total=total),
         )
-    except ValueError as error:
+    except (ValueError, np.linalg.LinAlgError) as error:
         raise UserError(str(error)) from None
 
 
-def record(tuning: optimum.Tuning) -> dict[str, Any]:
-    """What a results file says about a tuning; "weights" are the best."""
-    rates = [candidate.success_rate for candidate in tuning.restarts]
-    return {
-        "weights": tuning.best.weights._asdict(),
-        "tuning_starts": TUNING_STARTS,
-        "selection_starts": SELECTION_STARTS,
-        "on_selection_starts": {
-            **{name: _figures(candidate) for name, candidate in _named(tuning).items()},
-            "restarts": [_figures(candidate) for candidate in tuning.restarts],
-            "success_rate_of_restarts": [min(rates), max(rates)],
-        },
-    }
-
-
-def law_record(controller: str, tuning: optimum.GainTuning) -> dict[str, Any]:
-    """The same about gains."""
+def record(controller: str, tuning: optimum.Tuning) -> dict[str, Any]:
+    """What a results file says about a tuning; "parameters" are the best."""
     rates = [candidate.success_rate for candidate in tuning.restarts]
     return {
         "controller": controller,
-        "gains": list(tuning.best.gains),
+        "parameters": tuning.best.parameters,
         "tuning_starts": TUNING_STARTS,
         "selection_starts": SELECTION_STARTS,
         "on_selection_starts": {
-            "best": tuning.best._asdict(),
+            **{name: candidate._asdict() for name, candidate in _named(tuning).items()},
             "restarts": [candidate._asdict() for candidate in tuning.restarts],
             "success_rate_of_restarts": [min(rates), max(rates)],
         },
     }
 
 
-def _named(tuning: optimum.Tuning) -> dict[str, Any]:
-    """The best, and the weights that come with the package, if they do."""
+def _named(tuning: optimum.Tuning) -> dict[str, optimum.Candidate]:
+    """The best, and what the controller has without tuning, if it has."""
     return {"best": tuning.best, **({"shipped": tuning.shipped} if tuning.shipped else {})}
 
 
-def _figures(candidate: Any) -> dict[str, Any]:
-    return {**candidate._asdict(), "weights": candidate.weights._asdict()}
-
-
 def table(tuning: optimum.Tuning) -> Table:
-    """The best, every restart and the shipped weights, for people."""
+    """The best, every restart and the shipped parameters, for people: a column each."""
+    columns = _named(tuning) | {f"restart {k}": candidate for k, candidate in enumerate(tuning.restarts)}
     shown = Table(title=f"on {SELECTION_STARTS} starts that select", box=box.SIMPLE_HEAD, title_justify="left")
-    for name in ("", "success %", "on road %", "return", *tuning.best.weights._fields):
-        shown.add_column(name.replace("_", " "), justify="right" if name else "left")
-    rows = _named(tuning) | {f"restart {k}": candidate for k, candidate in enumerate(tuning.restarts)}
-    for name, one in rows.items():
-        figures = (f"{100 * one.success_rate:.1f}", f"{100 * one.on_road_rate:.1f}", f"{one.mean_return:.1f}")
-        shown.add_row(name, *figures, *(f"{weight:.4g}" for weight in one.weights))
+    for name in ("", *columns):
+        shown.add_column(name, justify="right" if name else "left")
+    rates = {"success %": "success_rate", "on road %": "on_road_rate"}
+    for name, field in rates.items():
+        shown.add_row(name, *(f"{100 * getattr(one, field):.1f}" for one in columns.values()))
+    shown.add_row("return", *(f"{one.mean_return:.1f}" for one in columns.values()))
+    for name in tuning.best.parameters:
+        shown.add_row(name.replace("_", " "), *(f"{one.parameters[name]:.4g}" for one in columns.values()))
     return shown
 
 
 def main() -> None:
-    args = tyro.cli(Args, prog="python -m agents.tune", description=__doc__)
+    listed = "Controllers: " + ", ".join(control.TUNABLE)
+    args = tyro.cli(Args, prog="python -m agents.tune", description=f"{__doc__}\n{listed}")
     messages.check_least(args, restarts=1, iterations=1, seed=0)
-    out = args.out or Path("runs") / f"{args.env_id}-weights.json"
+    out = args.out or Path("runs") / f"{args.env_id}-{args.controller}.json"
     messages.check_output("--out", out)
     keywords = parse_keywords(args.env_keywords)
     make_env(args.env_id, keywords)
+    try:
+        iterations = args.iterations or optimum.budget(control.tunable(args.controller)).iterations
+    except (TypeError, ValueError) as error:
+        raise UserError(f"--controller: {error}") from None
     console = console_for_tables()
     begin = time.perf_counter()
-    iterations = args.iterations or (10 if args.controller == "lqr" else LAW_ITERATIONS)
-    given = {"restarts": args.restarts, "iterations": iterations}
     with messages.progress() as bar:
-        if args.controller == "lqr":
-            tuning: Any = tune(args.env_id, keywords, args.seed, bar, **given)
-            console.print(table(tuning))
-            found = record(tuning)
-        else:
-            tuning = tune_law(args.env_id, keywords, args.controller, args.seed, bar, **given)
-            found = law_record(args.controller, tuning)
+        tuning = tune(
+            args.env_id,
+            keywords,
+            args.seed,
+            bar,
+            controller=args.controller,
+            restarts=args.restarts,
+            iterations=iterations,
+        )
+    console.print(table(tuning))
     rates = [100 * candidate.success_rate for candidate in tuning.restarts]
     console.print(f"success of the {args.restarts} restarts: {min(rates):.1f} to {max(rates):.1f} %")
     write_json(
         out,
         {
-            "command": f"python -m agents.tune --env-id {args.env_id}"
-            + (f" --controller {args.controller}" if args.controller != "lqr" else "")
-            + f" --restarts {args.restarts} --iterations {iterations} --seed {args.seed}"
+            "command": f"python -m agents.tune --env-id {args.env_id} --controller {args.controller}"
+            f" --restarts {args.restarts} --iterations {iterations} --seed {args.seed}"
             + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""),
             **provenance.collect(),
             "seconds": round(time.perf_counter() - begin, 1),
             "env_id": args.env_id,
             "env_keywords": keywords,
-            **found,
+            **record(args.controller, tuning),
         },
     )
-    if args.controller == "lqr":
-        console.print(
-            f"weights: {out}; drive with them: python -m agents.evaluate --env-id {args.env_id} --policy {out} lqr"
-        )
-    else:
-        console.print(
-            f"gains: {out}; drive with them: control.REAR_STEERINGS[{args.controller!r}](env.unwrapped, gains)"
-        )
+    console.print(
+        f"parameters: {out}; drive with them: python -m agents.evaluate --env-id {args.env_id} --policy {out}"
+        + (f" --env-keywords '{args.env_keywords}'" if keywords else "")
+    )
 
 
 if __name__ == "__main__":

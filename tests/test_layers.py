@@ -225,7 +225,7 @@ def test_the_layers_exist():
         ("rendering", "from bicycle_env.control import LQR"),
         ("rendering", "import matplotlib"),
         ("wrappers", "def f():\n    from bicycle_env.report import tables"),
-        ("control", "from bicycle_env.optimum import tune_weights"),
+        ("control", "from bicycle_env.optimum import tune"),
         ("envs", "def f():\n    from bicycle_env.optimum import search_steering"),
         ("wrappers", "def f():\n    import stable_baselines3"),
         ("envs", "from bicycle_env.cli import main"),

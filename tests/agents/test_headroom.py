@@ -45,7 +45,7 @@ def test_a_small_study(tmp_path, monkeypatch, capsys):
     assert rates["search"] >= rates["tuned"] > 0.5
     assert row["search"]["success_rate"]["interval"] == list(wilson(round(12 * rates["search"]), 12))
     assert row["search"]["episode_return"]["value"] >= row["tuned"]["episode_return"]["value"]
-    assert control.Weights(**row["tuning"]["weights"]).lateral_position == 1.0
+    assert list(row["tuning"]["parameters"]) == [one.name for one in control.LQR.parameters]
     assert len(row["tuning"]["on_selection_starts"]["restarts"]) == 5
     assert out.with_suffix(".png").stat().st_size > 10_000
     (sequences,) = json.loads(out.with_suffix(".steering.json").read_text())["sequences"].values()

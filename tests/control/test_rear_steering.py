@@ -108,6 +108,14 @@ def test_each_car_may_have_gains_of_its_own():
         assert np.array_equal(control.REAR_STEERINGS["rear-linear"](env, gains).act(observation[row]), both[row])
 
 
+@pytest.mark.parametrize("observed", ["measured", "state"])
+def test_a_tuning_finds_gains(observed):
+    keywords = {"observed": observed}
+    found = optimum.tune(ID, keywords, "rear-yaw-rate", range(8), range(100, 116), restarts=2, iterations=3)
+    assert found.best.parameters["yaw_rate_error"] > 0.0
+    assert found.best.success_rate > 0.0
+
+
 def test_the_shipped_gains_beat_straight_rear_wheels_and_each_other():
     rates = {}
     cars = optimum.make_cars(ID, {}, 256)
@@ -117,16 +125,3 @@ def test_the_shipped_gains_beat_straight_rear_wheels_and_each_other():
         rates[name] = np.mean(optimum.drive(cars, lambda seen, _, law=law: law.act(seen), range(256)).success)
     assert rates["zero"] < 0.02 < 0.1 < rates["rear-yaw-rate"] < rates["rear-linear"] < rates["rear-switched"]
     assert rates["rear-switched"] > 0.7
-
-
-def test_a_tuning_finds_gains_and_repeats():
-    found, again = (
-        optimum.tune_gains(ID, {}, "rear-yaw-rate", range(8), range(100, 116), restarts=2, iterations=3)
-        for _ in range(2)
-    )
-    assert found == again
-    assert found.best in found.restarts
-    assert found.best.gains[0] > 0.0
-    assert found.best.success_rate > 0.0
-    with pytest.raises(ValueError, match="controller must be one of"):
-        optimum.tune_gains(ID, {}, "lqr", [0], [1])
