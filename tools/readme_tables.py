@@ -2,7 +2,8 @@
 
 `--check` only compares.
 
-A table stands between `<!-- results: NAME -->` and `<!-- end -->`; NAME is one of the functions below.
+A table stands between `<!-- results: NAME -->` and `<!-- end -->`; NAME is one of the functions below. Only the one of
+the levels comes from the tasks instead.
 """
 
 from __future__ import annotations
@@ -13,10 +14,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from gymnasium.envs.registration import load_env_creator
+
+from bicycle_env import Actuator
 from bicycle_env.files import read_json
+from bicycle_env.registration import ENVIRONMENTS
 
 ROOT = Path(__file__).parent.parent
-PAGES = ("README.md", "docs/performance.md")
+PAGES = ("README.md", "docs/performance.md", "docs/levels.md")
 DEGREES = 57.29577951308232
 
 
@@ -244,6 +249,29 @@ def entry_speed() -> str:
     return "\n".join([*lines, "", made(result, more)])
 
 
+def levels() -> str:
+    """Not of results: of the tasks themselves."""
+    lines = ["| id | level | numbers |", "|---|---|---|"]
+    for row in ENVIRONMENTS:
+        task: Any = load_env_creator(row.entry_point)
+        for level, numbers in task.default_task.levels.items():
+            said = ", ".join(f"`{name}={_plain(value)}`" for name, value in numbers.items())
+            lines.append(f"| `{row.id}` | {level} | {said or 'as without a level'} |")
+    return "\n".join(lines)
+
+
+def _plain(value: Any) -> str:
+    """A keyword's value, numbers to four digits."""
+    if isinstance(value, Actuator):
+        angle, rate = (f"{limit * DEGREES:g}" for limit in (value.angle_limit, value.rate_limit))
+        return f"Actuator({angle} deg, {rate} deg/s, {value.time_constant:g} s)"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key!r}: {_plain(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, tuple):
+        return "(" + ", ".join(map(_plain, value)) + ")"
+    return f"{value:.4g}" if isinstance(value, float) else repr(value)
+
+
 def _passed(highest: float, unbroken: float) -> str:
     if highest == 0.0:
         return "none"
@@ -272,6 +300,7 @@ TABLES = {
         entry_speed,
         controllers_stab,
         controllers_lane_change,
+        levels,
     )
 }
 

@@ -112,6 +112,7 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     | action_repeat | `1` | control steps that an action is held; the reward is their sum, the time limit counts them |
     | sensors | `None` | what is observed: `bicycle_env.Sensors(signals="car", noise={"yaw_rate": 0.01})` |
     | history | `1` | how many of the latest observations stand side by side, the newest first |
+    | level | `None` | `"easy"`, `"medium"` or `"hard"`: numbers below the other keywords; see docs/levels.md |
     | telemetry | `False` | more in `info` |
     | render_mode | `None` | `"human"` or `"rgb_array"` |
     | direction | `"random"` | `"left"`, `"right"` or `"random"` |

@@ -66,6 +66,7 @@ class Configuration:
     action_repeat: int
     rules: Rules
     observation_entries: tuple[Entry, ...]
+    level: str | None
 
     @property
     def tire(self) -> tires.Tire:
@@ -197,6 +198,8 @@ class Configured:
     """(entries,)"""
     observation_mirror = Told[NDArray[np.float64]]()
     """(entries,): +1 or -1, what each entry is multiplied by in the mirror image."""
+    level = Told[str | None]()
+    """What ``level=`` was, or the level that the task is without it; None for a task without levels."""
     telemetry = Told[bool]()
     _spec: Any = None
     closed: bool = False
@@ -302,6 +305,7 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
         action_repeat,
         rules,
         entries,
+        setup.level,
     )
 
 

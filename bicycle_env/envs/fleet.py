@@ -15,6 +15,7 @@ from bicycle_env.analysis.linear_model import LinearModel
 from bicycle_env.analysis.stability import Stability
 from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure, resolve_speed
+from bicycle_env.envs.origin import Origin
 from bicycle_env.envs.setup import Setup
 from bicycle_env.envs.time_limit import remark
 from bicycle_env.envs.told import Told, frozen, tell
@@ -22,7 +23,6 @@ from bicycle_env.physics.car import CarParameters, car_on_road
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.validation import choice, flag, whole
 from bicycle_env.physics.vehicle import Vehicle
-from bicycle_env.tasks.task import Task
 
 Column = NDArray[np.float64]
 """(num_envs,): one number per car."""
@@ -38,15 +38,6 @@ MOST_STEPS = {"float64": 10**9, "float32": 2**24}
 
 CAR_OPTIONS = ("vehicle", "speed", "friction")
 """What ``reset`` may change of the cars that are driven, until it is called again."""
-
-
-class Origin(NamedTuple):
-    """What a fleet was made of: to make one with other cars."""
-
-    task: Task
-    """Without what is added to it."""
-    setup: Setup
-    time_limit: int | None
 
 
 class Fleet(NamedTuple):
@@ -69,10 +60,19 @@ class Fleet(NamedTuple):
     observation_scale: NDArray[np.float64]
     """(entries,), or (num_envs, entries) if varied."""
 
+    def scored_level(self, time_limit: int | None) -> str | None:
+        """The level, unless a keyword or another time limit than the task's has made something else of it."""
+        origin, one = self.origin, self.configuration
+        if time_limit not in (None, origin.task.episode_steps):
+            return None
+        if any(is_sequence(getattr(origin.setup, name)) for name in PER_CAR):
+            return None
+        return one.level if one == configure(*origin.of_level, origin.time_limit) else None
+
 
 def configure_alike(origin: Origin) -> Fleet:
     """Cars that are all the same, or a single one."""
-    one = configure(*origin)
+    one = configure(*origin[:3])
     numbers = one.speed, one.friction, one.relaxation_length
     return Fleet(origin, one, False, one.vehicle, *numbers, one.car, one.settings, one.observation_scale)
 
@@ -92,7 +92,7 @@ def configure_fleet(origin: Origin, num_envs: int, varied: bool = False) -> Flee
     Raises:
         ValueError, TypeError: a bad keyword, named with its value and what is allowed, and the car that has it.
     """
-    task, setup, time_limit = origin
+    task, setup, time_limit, _ = origin
     given = {name: getattr(setup, name) for name in PER_CAR}
     if not varied and not any(is_sequence(value) for value in given.values()):
         return configure_alike(origin)
@@ -213,6 +213,11 @@ class ConfiguredFleet(Configured):
         bound, self._action_shape = self.configuration.observation_bound, (self.num_envs, self.configuration.axles)
         self.single_observation_space: spaces.Space[Any] = spaces.Box(-bound, bound, dtype=np.float32)
         self.single_action_space: spaces.Space[Any] = spaces.Box(-1.0, 1.0, self._action_shape[1:], np.float32)
+
+    @property
+    def scored_level(self) -> str | None:
+        """As of the single environment; None also where a keyword was given per car."""
+        return self.fleet.scored_level(self.max_episode_steps)
 
     @property
     def stability(self) -> Stability:

@@ -9,9 +9,10 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
-from bicycle_env.envs.fleet import Fleet, Origin, configure_fleet
-from bicycle_env.envs.setup import taken_from
-from bicycle_env.envs.single.single_track_env import ONE_CAR, SingleTrackEnv, keyword_names, make_task
+from bicycle_env.envs.fleet import Fleet, configure_fleet
+from bicycle_env.envs.origin import origin_of
+from bicycle_env.envs.setup import ONE_CAR
+from bicycle_env.envs.single.single_track_env import SingleTrackEnv, keyword_names
 from bicycle_env.physics.validation import known_keys
 
 
@@ -60,8 +61,6 @@ def fleet_of(
 
     `time_limit`: steps of an episode, None where there is none.
     """
-    given = dict(keywords)
     allowed = [name for name in keyword_names(env_class) if name not in ONE_CAR]
-    known_keys("keyword", given, allowed, TypeError)
-    setup = taken_from(given, env_class.default_task.defaults)
-    return configure_fleet(Origin(make_task(env_class, given), setup, time_limit), num_envs, varied)
+    known_keys("keyword", keywords, allowed, TypeError)
+    return configure_fleet(origin_of(env_class.default_task, keywords, time_limit), num_envs, varied)

@@ -6,9 +6,10 @@ import importlib
 from typing import Any
 
 from bicycle_env.envs.many.vector_env import SingleTrackVectorEnv
-from bicycle_env.envs.setup import NAMES, check_names
+from bicycle_env.envs.origin import check_levels
+from bicycle_env.envs.setup import check_names
 from bicycle_env.envs.single.single_track_env import SingleTrackEnv
-from bicycle_env.physics.validation import known_keys, whole
+from bicycle_env.physics.validation import whole
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.task import Task
 
@@ -24,7 +25,7 @@ def checked(task: Any, max_episode_steps: int | None) -> tuple[Task, int]:
         raise TypeError(f"task must be a bicycle_env.tasks.task.Task or a class of them, got {task!r}")
     check(task)
     check_names(task)
-    known_keys(f"default of the task {type(task).__name__}", task.defaults, NAMES)
+    check_levels(task)
     return task, whole("max_episode_steps", task.episode_steps if max_episode_steps is None else max_episode_steps)
 
 

@@ -44,13 +44,14 @@ class Setup:
     action_repeat: int = 1
     sensors: Any = None
     history: int = 1
+    level: str | None = None
 
 
 NAMES = tuple(field.name for field in dataclasses.fields(Setup))
 ADDED = ("randomise", "disturbances", "driver", "action_delay", "observation_delay", "sensors", "history")
 """Those that are added to a task: the arguments of ``tasks.options.altered``."""
-
-
+ONE_CAR = ("telemetry", "render_mode")
+"""Keywords of the single environment that are no part of a car."""
 OF_MAKERS = (
     *("id", "env_id", "num_envs", "max_episode_steps", "vectorization_mode", "vector_kwargs", "wrappers", "seed"),
     *("disable_env_checker", "autoreset_mode", "staggered_start", "on_invalid", "dtype", "threads", "device"),
@@ -59,12 +60,9 @@ OF_MAKERS = (
 """Keywords of what makes environments: of ``gym.make``, ``gym.make_vec`` and ``TorchVectorEnv``."""
 
 
-def taken_from(keywords: dict[str, Any], defaults: Mapping[str, Any]) -> Setup:
-    """The setup of some keywords, the task's `defaults` where they say nothing.
-
-    They are taken out, and what is left is the task's.
-    """
-    return Setup(**{**defaults, **{name: keywords.pop(name) for name in NAMES if name in keywords}})
+def taken_from(keywords: dict[str, Any]) -> Setup:
+    """The setup of some keywords; they are taken out, and what is left is the task's."""
+    return Setup(**{name: keywords.pop(name) for name in NAMES if name in keywords})
 
 
 def check_names(task: Task) -> None:

@@ -127,6 +127,15 @@ class ActiveSteer(Task):
         ),
     }
     defaults = {"steer": "rear"}  # noqa: RUF012 (a constant)
+    levels = {  # noqa: RUF012 (a constant)
+        "easy": {"relative_speed": (0.65, 0.836), "amplitude": (0.0349, 0.1047)},
+        "medium": {},
+        "hard": {
+            "frequency": (0.45, 1.0),
+            "dwell": (0.0, 0.8),
+            "sensors": {"noise": {"lateral_acceleration": 0.2, "yaw_rate": 0.01}},
+        },
+    }
     flipped = (
         *("side", "driver_command", "front_correction", "lateral_acceleration"),
         *("lateral_velocity_before", "heading_before", *twin.NAMES),

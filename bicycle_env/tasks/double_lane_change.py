@@ -144,6 +144,11 @@ class DoubleLaneChange(Task):
     road_half_width = 6.0
     rewards = LaneChange.rewards
     defaults = {"vehicle": "understeer"}  # noqa: RUF012 (a constant)
+    levels = {  # noqa: RUF012 (a constant)
+        "easy": {"speed": 18.0},
+        "medium": {},
+        "hard": {"randomise": {"friction": (0.6, 1.0)}, "action_delay": 3},
+    }
     settled_seconds = 0.001  # to have passed the cones once is enough
     uniform_corridor = False
     flipped = ("direction",)

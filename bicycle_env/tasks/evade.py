@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from bicycle_env.physics.actuators import FRONT
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.records import record_of, replaced
@@ -158,6 +160,11 @@ class Evade(Task):
         ),
     }
     defaults = {"steer": "front"}  # noqa: RUF012 (a constant)
+    levels = {  # noqa: RUF012 (a constant)
+        "easy": {"steer": "both", "relative_friction": (1.0, 1.0), "obstacle_time": (0.8, 1.4)},
+        "medium": {},
+        "hard": {"front_actuator": dataclasses.replace(FRONT, rate_limit=math.radians(15.0))},
+    }
     flipped = ("side",)
     options = {"direction": SIDES, **RANGES}  # noqa: RUF012 (a constant)
 

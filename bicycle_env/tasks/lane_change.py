@@ -94,6 +94,11 @@ class LaneChange(Task):
             lateral_cost=1.0, heading_cost=10.0, yaw_rate_cost=1.0, front_command_cost=0.1, rear_command_cost=0.1
         ),
     }
+    levels = {  # noqa: RUF012 (a constant)
+        "easy": {"speed_ratio": 1.05},
+        "medium": {},
+        "hard": {"randomise": {"friction": (0.4, 1.0)}, "action_delay": 3},
+    }
     flipped = ("direction",)
     options = {"direction": SIDES, "change_start": (0.0, LATEST_START)}  # noqa: RUF012 (a constant)
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, NamedTuple
 
+from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.car import CarState
 from bicycle_env.tasks import rewards
 from bicycle_env.tasks.ends import Tolerances
@@ -68,6 +70,16 @@ class Stabilise(Task):
         "quadratic": rewards.Quadratic(
             lateral_cost=0.25, heading_cost=10.0, yaw_rate_cost=4.0, front_command_cost=0.1, rear_command_cost=0.1
         ),
+    }
+
+    levels = {  # noqa: RUF012 (a constant)
+        "easy": {"speed_ratio": 1.05},
+        "medium": {},
+        "hard": {
+            "speed_ratio": 1.5,
+            "front_actuator": dataclasses.replace(FRONT, rate_limit=math.radians(15.0)),
+            "rear_actuator": dataclasses.replace(REAR, rate_limit=math.radians(5.0)),
+        },
     }
 
     def settings(self, speed: float) -> StartBox:

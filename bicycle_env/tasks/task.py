@@ -84,6 +84,9 @@ class Task(abc.ABC):
     """Reset options of the task beside ``state``."""
     defaults: ClassVar[Mapping[str, Any]] = {}
     """Keywords of the environments whose default is another one for this task, such as ``{"vehicle": "tsx"}``."""
+    levels: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """By the names that ``level=`` takes: keywords of the environments and fields of the task. That without any is what
+    the task is without ``level=``."""
 
     rewards: ClassVar[Mapping[str, Reward]]
     """By the names that ``reward=`` takes: "default", "quadratic", and others if there are. The quadratic one is also

@@ -145,6 +145,7 @@ def test_the_meanings_name_the_defaults_that_none_stands_for(page):
         (("front", "rear", "both"), "steer"),
         (("small_angle", "exact"), "geometry"),
         (page.env.task.rewards, "reward"),
+        (page.env.task.levels, "level"),
         (("human", "rgb_array"), "render_mode"),
     ):
         named = re.findall(r'`"(\w+)"`', meaning[keyword])

@@ -60,6 +60,7 @@ BAD = {
     "action_repeat": values(0, -1, 1001) + values(None, 1.5, "1", True, error=TypeError),
     "sensors": values({"noise": {"yawrate": 0.1}}, {"noise": {"yaw_rate": -1.0}}) + values(3, "noisy", error=TypeError),
     "history": values(0, -1, 51) + values(None, 1.5, "1", True, error=TypeError),
+    "level": values("hrad", "Hard", "") + values(3, ["easy"], error=TypeError),
     "telemetry": values(None, 0, 1, "yes", np.True_, error=TypeError),
     "render_mode": values("", "ansi", "Human") + values(3, True, error=TypeError),
     "course": values("", "iso3888", "ISO3888-1") + values(None, 1, error=TypeError),

@@ -7,7 +7,8 @@ import pytest
 
 from bicycle_env import Vehicle, vehicles
 from bicycle_env.envs.configuration import configure
-from bicycle_env.envs.fleet import ConfiguredFleet, Origin, configure_fleet
+from bicycle_env.envs.fleet import ConfiguredFleet, configure_fleet
+from bicycle_env.envs.origin import origin_of
 from bicycle_env.envs.setup import Setup
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.tasks.lane_change import LaneChange
@@ -17,7 +18,7 @@ TASKS = [Stabilise, LaneChange]
 
 
 def fleet_of(num_envs=4, task=Stabilise, **keywords):
-    return configure_fleet(Origin(task(), Setup(**keywords), None), num_envs)
+    return configure_fleet(origin_of(task(), keywords), num_envs)
 
 
 def assert_each_is(fleet, alone):

@@ -13,7 +13,7 @@ from bicycle_env.wrappers import SB3VecEnv
 STAB = "BicycleStab-v0"
 NAMES = (
     *("task", "vehicle", "tire", "speed", "steer", "friction", "geometry", "reward", "horizon", "front_actuator"),
-    *("model", "relaxation_length", "action_repeat"),
+    *("model", "relaxation_length", "level", "action_repeat"),
     *("rear_actuator", "control_timestep", "physics_timestep", "substeps", "rules", "observation_entries"),
     *("observation_names", "observation_scale", "observation_mirror", "telemetry", "configuration", "state"),
 )

@@ -19,7 +19,8 @@ from bicycle_env.envs.many.generators import Generators, checked_seeds
 from bicycle_env.envs.many.rows import Rows, checked_cars, checked_mask, checked_start
 from bicycle_env.envs.many.threads import Threads
 from bicycle_env.envs.registered_fleet import fleet_of
-from bicycle_env.envs.single.single_track_env import FLOAT32, ONE_CAR, SingleTrackEnv, converted_action, keyword_names
+from bicycle_env.envs.setup import ONE_CAR
+from bicycle_env.envs.single.single_track_env import FLOAT32, SingleTrackEnv, converted_action, keyword_names
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.told import Told, read_only, tell
 from bicycle_env.physics.elementary import NUMPY

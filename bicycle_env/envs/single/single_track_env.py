@@ -16,31 +16,26 @@ from numpy.typing import NDArray
 from bicycle_env.backends.compiled_random import addresses
 from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure
-from bicycle_env.envs.fleet import CAR_OPTIONS, Origin, configure_alike, with_options
+from bicycle_env.envs.fleet import CAR_OPTIONS, configure_alike, with_options
 from bicycle_env.envs.many.block_kernels import BAD_ACTION
 from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_layout
 from bicycle_env.envs.many.rows import Rows
-from bicycle_env.envs.setup import NAMES, check_names, shown, taken_from
+from bicycle_env.envs.origin import names_of, origin_of
+from bicycle_env.envs.setup import shown
 from bicycle_env.envs.single import kernels
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
 from bicycle_env.envs.told import read_only, tell
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.elementary import PYTHON
-from bicycle_env.physics.validation import choice, flag, from_fields, known_keys
+from bicycle_env.physics.validation import choice, flag
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.task import Task, checked_state
 
 RENDER_MODES = ("human", "rgb_array")
-ONE_CAR = ("telemetry", "render_mode")
-"""Keywords of the single environment that are no part of a car."""
 FLOAT32 = np.dtype(np.float32)
 ONE = np.ones(1, dtype=np.bool_)
 STEPS, SETTLED = KEPT.index("steps"), KEPT.index("settled_steps")
-
-OF_MANY = ("num_envs", "dtype", "threads", "autoreset_mode", "staggered_start", "on_invalid")
-ELSEWHERE = {"seed": "reset(seed=...)", **dict.fromkeys(OF_MANY, "gym.make_vec(...), without vectorization_mode")}
-"""Words that people look for among the keywords of a single environment."""
 
 
 class Snapshot(NamedTuple):
@@ -72,12 +67,11 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         )
 
     def __init__(self, *, telemetry: bool = False, render_mode: str | None = None, **task_keywords: Any) -> None:
-        setup = taken_from(task_keywords, self.default_task.defaults)
-        self._fleet = configure_alike(Origin(make_task(type(self), task_keywords), setup, None))
+        self._fleet = configure_alike(origin_of(self.default_task, task_keywords))
         configuration = self._fleet.configuration
         self._adopt(configuration)
         tell(self, telemetry=flag("telemetry", telemetry))
-        self._given_horizon = setup.horizon
+        self._given_horizon = self._fleet.origin.setup.horizon
         self._limit_asked = False
         self.render_mode = None if render_mode is None else choice("render_mode", render_mode, RENDER_MODES)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.action_timestep))}
@@ -131,8 +125,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         cars = [name for name in CAR_OPTIONS if name in given and name not in self.task.options]
         driven = self.configuration
         if cars:
-            task, _, limit = self._fleet.origin
-            driven = configure(task, with_options(self._fleet, {name: given[name] for name in cars}), limit)
+            driven = configure(self._fleet.origin.task, with_options(self._fleet, {name: given[name] for name in cars}))
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
         state = checked_state(given["state"], *limits, own=self.model.own) if "state" in given else None
         changes = self.task.option_numbers(given)
@@ -224,6 +217,15 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     def present(self) -> Configuration:
         """What is driven: the configuration, unless ``reset`` was given another vehicle, speed or friction."""
         return self._present
+
+    @property
+    def scored_level(self) -> str | None:
+        """The level of which a result here is one; None where a keyword has made another setting of it.
+
+        So has a time limit other than the task's, which is known from the first ``reset`` on. A keyword that says what
+        the level says changes nothing.
+        """
+        return self._fleet.scored_level(None if math.isinf(self._limit) else int(self._limit))
 
     @property
     def end(self) -> str:
@@ -363,21 +365,6 @@ def converted_action(action: Any, shape: tuple[int, ...], steer: str, dtype: Any
     return np.ascontiguousarray(clipped, dtype=dtype)
 
 
-def make_task(env_class: type[SingleTrackEnv], keywords: Mapping[str, Any]) -> Task:
-    """An environment's task with keywords of its own; TypeError names an unknown one and the nearest allowed."""
-    for name in keywords:
-        if name in ELSEWHERE:
-            raise TypeError(f"{name} is no keyword of one car: give it to {ELSEWHERE[name]}")
-    known_keys("keyword", keywords, keyword_names(env_class), TypeError)
-    default: Any = env_class.default_task
-    check_names(default)
-    given = dict(keywords)
-    for name, value in keywords.items():
-        if isinstance(value, Mapping) and dataclasses.is_dataclass(usual := getattr(default, name)):
-            given[name] = from_fields(name, type(usual), value)  # as JSON has it
-    return dataclasses.replace(default, **given)  # type: ignore[no-any-return]
-
-
 def keyword_names(env_class: type[SingleTrackEnv]) -> list[str]:
     """All keywords of an environment: its own, then its task's."""
-    return [*NAMES, *ONE_CAR, *inspect.signature(type(env_class.default_task)).parameters]
+    return names_of(env_class.default_task)
