@@ -54,6 +54,7 @@ def test_vehicles_for_machines(capsys, no_matplotlib):
         assert (content[name]["critical_speed"] is None) == (name not in ("oversteer", "me303"))
 
 
+@pytest.mark.exhaustive
 def test_json_is_the_study(capsys, no_matplotlib):
     assert main(["report", "--vehicle", "civic", "--speed", "25", "--friction", "0.5", "--json", *COARSE]) == 0
     printed = capsys.readouterr()
@@ -72,6 +73,7 @@ def test_tables_without_a_folder(capsys, no_matplotlib):
     assert printed.err == ""
 
 
+@pytest.mark.exhaustive
 def test_a_report_of_ones_own_car(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(pictures, "SUBJECTS", pictures.SUBJECTS[:1])
     mine = tmp_path / "my_car.json"

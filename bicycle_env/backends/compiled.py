@@ -9,6 +9,7 @@ else does.
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import re
 from collections.abc import Callable, Iterator
@@ -160,7 +161,7 @@ def entry_point(
     function.__qualname__ = f"{function.__name__}-{content[:20]}"
     dispatcher: Any = numba.njit(function, nogil=nogil, **COMMON)
     dispatcher._cache = ContentCache(function, content)
-    with _interleaved(interleave):
+    with _interleaved(interleave), _without_collecting():
         try:
             dispatcher.compile(signature)
         except NumbaError as error:
@@ -168,6 +169,18 @@ def entry_point(
     dispatcher.disable_compile()
     ENTRY_POINTS[content] = dispatcher
     return ENTRY_POINTS[content]
+
+
+@contextlib.contextmanager
+def _without_collecting() -> Iterator[None]:
+    """The compiler makes millions of objects, and looking for rings among them takes a tenth of its time."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
 
 
 REMEDIES = {

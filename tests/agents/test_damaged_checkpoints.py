@@ -341,6 +341,7 @@ def test_a_command_on_a_damaged_folder(runs, tmp_path):
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.exhaustive
 def test_a_command_that_is_stopped_and_goes_on(tmp_path):
     """The whole way: a signal in the middle of learning, one line, and --resume to the end."""
     script = (

@@ -31,6 +31,7 @@ def test_the_highest_speed_is_one_at_which_every_start_passes():
         assert (entry_speed.highest(SPEEDS, share), entry_speed.unbroken(SPEEDS, share)) == (highest, unbroken)
 
 
+@pytest.mark.exhaustive
 def test_the_shares_are_those_of_single_environments():
     seeds, keywords = start_seeds(2, 7), {"course": "iso3888-2", "steer": "front"}
     speeds = np.array([7.0, 15.0, 17.0, 25.0])

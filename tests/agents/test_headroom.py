@@ -25,6 +25,7 @@ class Everywhere:
         return np.ones(len(columns[0]), bool)
 
 
+@pytest.mark.exhaustive
 def test_a_small_study(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(headroom, "bound", lambda env: Everywhere())
     monkeypatch.setattr(tune, "TUNING_STARTS", 4)

@@ -63,6 +63,7 @@ def test_linear_feedback_saves_nothing_outside(plane):
         assert not np.any(saved & ~binary_dilation(inside(plane), NEIGHBOURS))
 
 
+@pytest.mark.exhaustive
 def test_its_own_steering_saves_what_is_inside(plane):
     """Replayed by `simulate`; including states that linear feedback loses."""
     core = binary_erosion(inside(plane), NEIGHBOURS)
@@ -104,6 +105,7 @@ def test_mirror_symmetry(plane):
     np.testing.assert_allclose(plane.value, plane.value[::-1, ::-1], rtol=0.0, atol=1e-5)
 
 
+@pytest.mark.exhaustive
 def test_more_authority_more_grip_or_a_longer_horizon_saves_no_less(plane):
     small = {"grid": (81, 81)}
     base = analysis.recoverable_set(CAR, SPEED, "tanh", friction=0.6, steer_limits=(0.06, 0.03), **small)
@@ -158,6 +160,7 @@ def test_every_tire(tire):
     assert found.geometry == ("small_angle" if tire == "linear" else "exact")
 
 
+@pytest.mark.exhaustive
 def test_a_lane_saves_less(plane, lane):
     v, r = np.meshgrid(lane.lateral_velocity, lane.yaw_rate, indexing="ij")
     assert not np.any(lane.contains(v, r) & ~plane.contains(v, r))

@@ -367,6 +367,7 @@ except RuntimeError as error:
     assert words == "bicycle_env needs numba's compiler, and NUMBA_DISABLE_JIT is set: unset it"
 
 
+@pytest.mark.exhaustive
 def test_each_processor_has_files_of_its_own(process, tmp_path):
     """Some that share a disk must not run each other's code, whatever they are told to compile for."""
     program = PROGRAM.replace("tanh", "linear")

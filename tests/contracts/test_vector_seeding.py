@@ -197,6 +197,7 @@ RUN = textwrap.dedent(
 )
 
 
+@pytest.mark.exhaustive
 def test_a_million_steps_are_the_same_in_other_threads_and_processes():
     here: dict = {}
     exec(compile(RUN, "run", "exec"), here)

@@ -54,6 +54,7 @@ def registered():
     gym.registry.pop(ID, None)
 
 
+@pytest.mark.exhaustive
 def test_one_car_many_and_tensors_are_the_same_task():
     single, many = gym.make(ID, **QUICK), gym.make_vec(ID, 6, **QUICK, autoreset_mode="Disabled")
     observation, _ = single.reset(seed=3)

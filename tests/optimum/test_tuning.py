@@ -39,6 +39,7 @@ def test_the_weight_of_an_axle_that_is_not_steered_is_left_alone():
     assert list(tuning(0).best.parameters) == ["heading", "sideslip", "yaw_rate", "rear_command"]
 
 
+@pytest.mark.exhaustive
 def test_the_same_seed_gives_the_same_weights():
     tuning.cache_clear()
     first = tuning(0)

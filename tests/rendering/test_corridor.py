@@ -211,6 +211,7 @@ def test_cones_and_ice_are_painted_where_they_are(stab):
 
 
 @pytest.mark.parametrize("edge", [0.0, None])
+@pytest.mark.exhaustive
 def test_an_ice_patch_is_drawn_where_it_acts(edge):
     patch = IcePatch(begin=(20.0, 22.0), length=8.0, side="right", edge=edge)
     env = gym.make("BicycleStab-v0", disturbances=(Gust(), patch), render_mode="rgb_array", telemetry=True)

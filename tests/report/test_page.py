@@ -138,6 +138,7 @@ def test_words_of_the_user_are_escaped():
     assert "source & <u>" in "".join(reader.text)
 
 
+@pytest.mark.exhaustive
 def test_a_second_report_replaces_the_first_and_leaves_no_other_files(tmp_path, monkeypatch):
     monkeypatch.setattr(pictures, "SUBJECTS", SUBJECTS[:1])
     study = report.study("oversteer", speed=20.0, grid=COARSE)

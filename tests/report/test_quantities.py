@@ -172,6 +172,7 @@ def test_bad_input_is_named(keywords, text):
         report.study(**keywords)
 
 
+@pytest.mark.exhaustive
 def test_exactly_at_the_critical_speed():
     study = report.study("oversteer", speed_ratio=1.0, grid=COARSE)
     content = report.as_json(study)
@@ -202,6 +203,7 @@ def test_the_summary_fits_the_car(name, speed, text):
     assert text in summary(report.study(name, speed, grid=COARSE))
 
 
+@pytest.mark.exhaustive
 def test_just_at_the_critical_speed_it_is_not_stable():
     study = report.study("oversteer", speed_ratio=1.0, grid=COARSE)
     assert "becomes unstable above 36.1 m/s (130 km/h) and is just at this limit here" in summary(study)

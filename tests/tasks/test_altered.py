@@ -66,6 +66,7 @@ def test_nothing_need_be_drawn_where_nothing_is_kept(task):
     check(altered(Icy(task), randomise={"mass": (0.9, 1.1, "relative")}, sensors=NOISY))
 
 
+@pytest.mark.exhaustive
 def test_it_is_driven_observed_and_a_keyword():
     bicycle_env.register(ID, Icy(Stabilise()))
     env = gym.make(ID, begin=20.0, telemetry=True).unwrapped

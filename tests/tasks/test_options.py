@@ -137,6 +137,7 @@ def test_scales_and_controllers_stay_nominal():
 # Drawn parameters
 
 
+@pytest.mark.exhaustive
 def test_drawn_parameters_are_those_of_the_car_that_is_driven():
     """The states are those of an environment whose nominal car has the numbers that were drawn."""
     ranges = {"friction": (0.4, 0.9), **dict.fromkeys(OWN, (0.8, 1.2, "relative")), "front_time_constant": (0.05, 0.2)}
@@ -311,6 +312,7 @@ def test_a_recording_is_followed_by_straight_lines_and_held():
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.exhaustive
 def test_a_recording_is_the_same_for_one_car_many_and_tensors(dtype):
     given = {**QUICK, "driver": drivers.Recorded(0.02 * np.sin(np.arange(30.0)), timestep=0.03, side="random")}
     many = gym.make_vec(STAB, CARS, **given, dtype=dtype, autoreset_mode="Disabled").unwrapped
@@ -522,6 +524,7 @@ def test_a_disturbance_and_a_driver_of_ones_own():
 # What a newcomer tripped over
 
 
+@pytest.mark.exhaustive
 def test_a_start_that_is_given_is_what_is_observed_at_first():
     """Late observations are of the given start, not of the drawn one: in every environment."""
     given = {"state": {"yaw_rate": 0.2, "lateral_position": 1.0}}
@@ -543,6 +546,7 @@ def test_a_start_that_is_given_is_what_is_observed_at_first():
         np.testing.assert_allclose(np.asarray(seen), np.tile(now, (4, 1)), rtol=1e-6)
 
 
+@pytest.mark.exhaustive
 def test_a_snapshot_of_other_options_is_refused():
     one, other = make(randomise={"friction": (0.4, 1.0)}), make(randomise={"mass": (1500.0, 1800.0)})
     for env in (one, other):

@@ -53,7 +53,7 @@ class Fined(rewards.Reward):
 
 @pytest.mark.parametrize(
     "reward",
-    [Smooth(), Fined(), only_all(Smooth(weight=0.5)), only_all(rewards.Quadratic(yaw_rate_cost=3.0))],
+    [Smooth(), only_all(Fined()), only_all(Smooth(weight=0.5)), only_all(rewards.Quadratic(yaw_rate_cost=3.0))],
     ids=repr,
 )
 def test_a_law_of_ones_own_is_the_same_in_every_environment(reward):

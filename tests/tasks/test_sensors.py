@@ -25,6 +25,7 @@ def actions(steps=60):
 
 
 @pytest.mark.parametrize("env_id", [STAB, only_all(LANE)])
+@pytest.mark.exhaustive
 def test_one_car_is_one_of_many_and_tensors_agree(env_id):
     given = {**QUICK, "sensors": SENSORS, "autoreset_mode": "Disabled"}
     many, tensors = gym.make_vec(env_id, CARS, **given), TorchVectorEnv(env_id, CARS, **given)
@@ -155,6 +156,7 @@ def test_an_accelerometer_feels_the_mean_of_the_step_gusts_included():
     assert largest > 1.0
 
 
+@pytest.mark.exhaustive
 def test_signals_come_in_the_order_asked_for_and_with_their_mirror_image():
     env = gym.make(LANE, **QUICK, sensors=Sensors(signals=["heading", "preview", "lateral_position"])).unwrapped
     assert env.observation_names[:2] == ("heading", "lateral_position")

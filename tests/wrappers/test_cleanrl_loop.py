@@ -91,6 +91,7 @@ def one_thread():
     torch.set_num_threads(before)
 
 
+@pytest.mark.exhaustive
 def test_a_ppo_loop_learns(one_thread):
     torch.manual_seed(1)
     envs = RecordEpisodeStatistics(gym.make_vec("BicycleStab-v0", NUM_ENVS, autoreset_mode="SameStep"))
