@@ -156,10 +156,10 @@ def main() -> None:
             **record(args.controller, tuning),
         },
     )
-    console.print(
-        f"parameters: {out}; drive with them: python -m agents.evaluate --env-id {args.env_id} --policy {out}"
-        + (f" --env-keywords '{args.env_keywords}'" if keywords else "")
-    )
+    evaluated = f"python -m agents.evaluate --env-id {args.env_id} --policy {out}"
+    evaluated += f" --env-keywords '{args.env_keywords}'" if keywords else ""
+    made = f"control.make({args.controller!r}, env, parameters={str(out)!r})"
+    console.print(f"parameters: {out}; drive with them: {made if ':' in args.controller else evaluated}")
 
 
 if __name__ == "__main__":

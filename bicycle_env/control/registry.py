@@ -147,9 +147,10 @@ def _from_file(path: str | Path, plant: Plant, name: str | None = None) -> Polic
     content = read_json(path, table({}, {"controller": text(), "parameters": mapping(anything)}, others=True))
     found = content.get("controller", LQR.name if "weights" in content else None)
     with naming(path):
-        controller = TUNABLE[choice("controller", found, TUNABLE)]
         if name not in (None, found):
             raise ValueError(f"controller must be {name!r}, got {found!r}")
+        # A file alone imports nothing: a class of one's own must be named by who calls.
+        controller = TUNABLE[choice("controller", found, TUNABLE)] if name is None else tunable(name)
         if "weights" not in content:
             values = values_of(controller, plant, mapping(anything)("parameters", content.get("parameters")))
     if "weights" in content:

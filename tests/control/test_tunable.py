@@ -162,6 +162,14 @@ def test_a_file_serves_the_controller_that_it_is_of(tmp_path):
         control.make("rear-switched", ACTIVE, parameters=path)
 
 
+def test_a_file_alone_imports_nothing(tmp_path):
+    path, own = tmp_path / "tuned.json", "bicycle_env.control.lqr:LQR"
+    path.write_text(json.dumps({"controller": own, "parameters": usual("lqr")}))
+    with pytest.raises(ValueError, match="controller must be one of"):
+        control.from_file(path, STAB)
+    assert np.array_equal(control.make(own, STAB, parameters=path).gain, control.make("lqr", STAB).gain)
+
+
 def test_who_has_no_parameters():
     with pytest.raises(ValueError, match="controller with parameters must be one of"):
         control.make("zero", STAB, parameters={})
