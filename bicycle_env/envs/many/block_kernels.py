@@ -240,7 +240,9 @@ def _step(kind: Kind, reward: Reward) -> Any:
             for k in range(here):
                 truncated[k] = access.episode(scratch, k).steps >= step_limit
             for k in range(here):
-                success[k] = (access.episode(scratch, k).settled_steps >= steps_to_settle) & (ends[k] == 0)
+                success[k] = (access.episode(scratch, k).settled_steps >= steps_to_settle) & (
+                    scratch[k + end_column] == 0.0
+                )
             for k in range(here):
                 ended += terminated[k] | truncated[k]
             seen = flat_observation[row * entries : (row + here) * entries]
