@@ -13,7 +13,7 @@ from bicycle_env.physics.presets import register_vehicle, vehicles
 from bicycle_env.physics.vehicle import UnitWarning, Vehicle
 from bicycle_env.registration import register
 from bicycle_env.simulation import simulate
-from bicycle_env.tasks import disturbances, drivers, rewards
+from bicycle_env.tasks import distributions, disturbances, drivers, rewards
 from bicycle_env.tasks.sensors import Sensors
 
 __version__ = "0.1.0"
@@ -25,6 +25,7 @@ __all__ = [
     "Vehicle",
     "__version__",
     "analysis",
+    "distributions",
     "disturbances",
     "drivers",
     "plots",

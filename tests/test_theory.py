@@ -149,6 +149,7 @@ def test_the_text_explains_every_equation():
         *(each for each in map(analysis.__getattribute__, analysis.__all__) if inspect.isroutine(each)),
         *bicycle_env.tires.LAWS.values(),
         *bicycle_env.disturbances.LAWS.values(),
+        *bicycle_env.distributions.LAWS.values(),
         *bicycle_env.drivers.LAWS.values(),
         *(policy for name, policy in control.POLICIES.items() if name != "zero"),
         *control.REAR_LAWS.values(),

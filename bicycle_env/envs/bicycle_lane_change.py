@@ -104,7 +104,7 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
     | reward | `"default"` | `"default"`, `"quadratic"`, a `rewards.Reward` or its dict |
     | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 300, by default |
-    | randomise | `None` | parameters drawn for each episode: `{"friction": (0.3, 1.0)}`, `(0.9, 1.2, "relative")` |
+    | randomise | `None` | drawn for each episode: `{"friction": (0.3, 1.0)}`, or of `bicycle_env.distributions` |
     | disturbances | `()` | of `bicycle_env.disturbances`: `Gust`, `IcePatch`, `FrictionStep`, `StiffnessLoss` |
     | driver | `None` | at the front wheels: one of `bicycle_env.drivers`, or a name: `"step"`, `"preview"`, ... |
     | action_delay | `0` | control steps until an action acts |

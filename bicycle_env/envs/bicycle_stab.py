@@ -98,7 +98,7 @@ class BicycleStabEnv(SingleTrackEnv):
     | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
     | reward | `"default"` | `"default"`, `"quadratic"`, a `rewards.Reward` or its dict |
     | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 400, by default |
-    | randomise | `None` | parameters drawn for each episode: `{"friction": (0.3, 1.0)}`, `(0.9, 1.2, "relative")` |
+    | randomise | `None` | drawn for each episode: `{"friction": (0.3, 1.0)}`, or of `bicycle_env.distributions` |
     | disturbances | `()` | of `bicycle_env.disturbances`: `Gust`, `IcePatch`, `FrictionStep`, `StiffnessLoss` |
     | driver | `None` | at the front wheels: one of `bicycle_env.drivers`, or a name: `"step"`, `"preview"`, ... |
     | action_delay | `0` | control steps until an action acts |
@@ -116,13 +116,15 @@ class BicycleStabEnv(SingleTrackEnv):
     `randomise` would draw, for this episode.
 
     `randomise` knows friction, mass, yaw_inertia, front_cornering_stiffness, rear_cornering_stiffness,
-    front_time_constant and rear_time_constant; they are drawn after the start, which stays the same for a seed. They
-    and the disturbances act in the equations of motion, anew in each RK4 step; observations, scales, limits, `speed`,
-    `friction` and controllers are those of the nominal car. Friction acts where a tire saturates, so not on the linear
-    one. An option says the number itself, in SI units, also where the range is relative. With a `driver` the action
-    is the rear axle's (`steer="rear"`) or also corrects what the driver does (`"front"`, `"both"`); the driver is not
-    late when `action_delay` is. The preview of the road is neither noisy nor late, and rewards know the truth. All
-    stand in `env.unwrapped.state`; what `randomise` draws also stands in `info`.
+    front_time_constant and rear_time_constant. A pair is a uniform range, `(0.9, 1.2, "relative")` one per the
+    nominal value; `bicycle_env.distributions` has `LogUniform`, `Normal` and `Choice` beside it. They are drawn after
+    the start, which stays the same for a seed. They and the disturbances act in the equations of motion, anew in each
+    RK4 step; observations, scales, limits, `speed`, `friction` and controllers are those of the nominal car. Friction
+    acts where a tire saturates, so not on the linear one. An option says the number itself, in SI units, also where
+    the range is relative. With a `driver` the action is the rear axle's (`steer="rear"`) or also corrects what the
+    driver does (`"front"`, `"both"`); the driver is not late when `action_delay` is. The preview of the road is
+    neither noisy nor late, and rewards know the truth. All stand in `env.unwrapped.state`; what `randomise` draws
+    also stands in `info`.
 
     ## Version history
 

@@ -272,10 +272,10 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
     rear_actuator = actuators.resolve("rear_actuator", setup.rear_actuator)
     control_timestep = in_range("control_timestep", setup.control_timestep, "timestep")
     physics_timestep = in_range("physics_timestep", setup.physics_timestep, "timestep")
-    ranges = randomised.resolve(setup.randomise)
-    cars = randomised.extremes(ranges, vehicle)
+    drawn = randomised.resolve(setup.randomise)
+    cars = randomised.extremes(drawn, vehicle)
     fastest = max(fastest_rate(car, speed, relaxation_length) for car in cars)
-    lags = [1.0 / time for time in randomised.least_time_constants(ranges, front_actuator, rear_actuator)]
+    lags = [1.0 / time for time in randomised.least_time_constants(drawn, front_actuator, rear_actuator)]
     check_timestep("physics_timestep", physics_timestep, max(fastest, *lags))
     substeps = _substeps(control_timestep, physics_timestep)
     action_repeat = whole("action_repeat", setup.action_repeat, 1, MOST_REPEAT)

@@ -42,8 +42,8 @@ def plain_spec(spec: Any) -> Any:
 
 def _is_own(value: Any) -> bool:
     """Whether a keyword holds an object of a class that is not this package's."""
-    if isinstance(value, (list, tuple)):
-        return any(map(_is_own, value))
+    if isinstance(value, (list, tuple, dict)):
+        return any(map(_is_own, value.values() if isinstance(value, dict) else value))
     return dataclasses.is_dataclass(value) and type(value).__module__.partition(".")[0] != __name__.partition(".")[0]
 
 

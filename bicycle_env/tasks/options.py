@@ -32,7 +32,7 @@ def altered(
     Raises:
         ValueError, TypeError: a bad value, named with what is allowed.
     """
-    ranges, acting = randomised.resolve(randomise), disturbing.resolve(disturbances)
+    drawn, acting = randomised.resolve(randomise), disturbing.resolve(disturbances)
     at_the_wheel, measured_by = drivers.resolve(driver), sensing.resolve(sensors)
     late_actions = whole("action_delay", action_delay, 0, MOST_DELAY)
     late_observations = whole("observation_delay", observation_delay, 0, MOST_DELAY)
@@ -43,8 +43,8 @@ def altered(
         task = LateActions(task, late_actions)
     if at_the_wheel is not None:
         task = DrivenTask(task, at_the_wheel)
-    if ranges:
-        task = RandomisedTask(task, ranges)
+    if drawn:
+        task = RandomisedTask(task, drawn)
     if acting:
         task = DisturbedTask(task, acting)
     if measured_by is not None:

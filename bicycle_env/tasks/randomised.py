@@ -9,10 +9,12 @@ from typing import Any
 
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.car import CarParameters, CarState
-from bicycle_env.physics.records import composed, field, merged, replaced
-from bicycle_env.physics.validation import choice, from_fields, number
+from bicycle_env.physics.records import composed, field, merged, record_of, replaced
+from bicycle_env.physics.validation import choice
 from bicycle_env.physics.vehicle import GRAVITY, Vehicle
+from bicycle_env.tasks import distributions
 from bicycle_env.tasks.altered import AlteredTask
+from bicycle_env.tasks.distributions import LEAST, MOST, Distribution
 from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.task import Allowed, Law
 
@@ -28,45 +30,31 @@ OWN = (
 VEHICLES = OWN[:4]
 """Those of the vehicle; the others are the actuators'."""
 PARAMETERS = ("friction", *OWN)
-LEAST, MOST = 1e-4, 1e8
-
-
-@dataclasses.dataclass(frozen=True)
-class Range:
-    """Uniform in [low, high]; `relative`: to the nominal value, so that 1 is the nominal car."""
-
-    low: float
-    high: float
-    relative: bool = False
-
-    def __post_init__(self) -> None:
-        low = number("low", self.low, LEAST, MOST)
-        object.__setattr__(self, "low", low)
-        object.__setattr__(self, "high", number("high", self.high, low, MOST))
+Drawn = tuple[tuple[str, Distribution], ...]
+"""Parameters, and what each is drawn from."""
 
 
 @dataclasses.dataclass(frozen=True)
 class RandomisedTask(AlteredTask):
-    """Numbers of the car are drawn at the start, in the order of `ranges`, after the task's own.
+    """Numbers of the car are drawn at the start, in the order of `drawn`, after the task's own.
 
     They act in the equations of motion and stand in the state; observations, rewards, limits and controllers go on with
     the nominal car. With the mass the axle loads change, and so the peak forces.
     """
 
-    ranges: tuple[tuple[str, Range], ...]
+    drawn: Drawn
 
     @property
     def kept(self) -> tuple[str, ...]:
-        return tuple(name for name, _ in self.ranges)
+        return tuple(name for name, _ in self.drawn)
 
     @property
     def numbers(self) -> Mapping[str, float]:
-        ends = {name: (chosen.low, chosen.high - chosen.low) for name, chosen in self.ranges}
-        return {f"{name}_{what}": ends[name][k] for name in ends for k, what in enumerate(("low", "width"))}
+        return {f"{name}_{what}": value for name, chosen in self.drawn for what, value in chosen.numbers().items()}
 
     @property
     def draws(self) -> int:
-        return len(self.ranges)
+        return len(self.drawn)
 
     @property
     def told(self) -> tuple[str, ...]:
@@ -82,7 +70,7 @@ class RandomisedTask(AlteredTask):
 
     def draw(self, xp: Any) -> Law:
         first = self.task.uniforms
-        laws = {f"draw{k}": _drawn(xp, name, chosen, first + k) for k, (name, chosen) in enumerate(self.ranges)}
+        laws = {f"draw{k}": _drawn(xp, name, chosen, first + k) for k, (name, chosen) in enumerate(self.drawn)}
         draws = composed(xp, self.Kept, [f"{law}(uniforms, world)" for law in laws], "uniforms, world", **laws)
 
         def draw(uniforms: Any, state: CarState, own: Any, world: World) -> Any:
@@ -116,15 +104,16 @@ def nominal_friction(car: CarParameters) -> Any:
     return car.front_peak_force / load
 
 
-def _drawn(xp: Any, name: str, chosen: Range, place: int) -> Law:
+def _drawn(xp: Any, name: str, chosen: Distribution, place: int) -> Law:
     """``drawn(uniforms, world)`` of the uniform number at a place."""
-    low_of, width_of = field(xp, f"{name}_low"), field(xp, f"{name}_width")
+    whats = tuple(chosen.numbers())
+    own_of = composed(xp, record_of("Numbers", whats), [f"settings.{name}_{what}" for what in whats], "settings")
+    law = xp.function(chosen.law(xp))
     of = xp.function(nominal_friction) if name == "friction" else field(xp, name)
     value_of = of if chosen.relative else xp.function(_unit)
 
     def drawn(uniforms: Any, world: World) -> Any:
-        settings = world.settings
-        return value_of(world.car) * xp.multiply_add(width_of(settings), uniforms[place], low_of(settings))
+        return value_of(world.car) * law(uniforms[place], own_of(world.settings))
 
     return drawn
 
@@ -156,27 +145,29 @@ def _peaks(xp: Any, kept: tuple[str, ...]) -> Law:
     return peaks
 
 
-def resolve(randomise: Mapping[str, Any] | None) -> tuple[tuple[str, Range], ...]:
-    """What ``randomise=`` takes, a mapping of parameters to ranges, as sorted pairs.
-
-    A range is ``(low, high)``, ``(low, high, "relative")``, a :class:`Range` or a dict of its fields.
+def resolve(randomise: Mapping[str, Any] | None) -> Drawn:
+    """What ``randomise=`` takes, a mapping of parameters to what ``distributions.resolve`` takes, as sorted pairs.
 
     Raises:
-        ValueError, TypeError: an unknown parameter, with the nearest known one; a range that is none.
+        ValueError, TypeError: an unknown parameter, with the nearest known one; a distribution that is none.
     """
     if randomise is None:
         return ()
     if not isinstance(randomise, Mapping):
-        raise TypeError(f"randomise must be a mapping of parameters to ranges, got {randomise!r}")
+        raise TypeError(f"randomise must be a mapping of parameters to distributions, got {randomise!r}")
     for name in randomise:
         choice("randomise: parameter", name, PARAMETERS)
-    return tuple((name, _range(f"randomise[{name!r}]", randomise[name])) for name in PARAMETERS if name in randomise)
+    return tuple(
+        (name, distributions.resolve(f"randomise[{name!r}]", randomise[name]))
+        for name in PARAMETERS
+        if name in randomise
+    )
 
 
-def extremes(ranges: tuple[tuple[str, Range], ...], vehicle: Vehicle) -> list[Vehicle]:
+def extremes(drawn: Drawn, vehicle: Vehicle) -> list[Vehicle]:
     """The vehicles at the corners of the drawn parameters; ValueError for one that cannot be."""
-    own = [(name, chosen) for name, chosen in ranges if name in VEHICLES]
-    corners = itertools.product(*((chosen.low, chosen.high) for _, chosen in own))
+    own = [(name, chosen) for name, chosen in drawn if name in VEHICLES]
+    corners = itertools.product(*(chosen.bounds for _, chosen in own))
     found = []
     for corner in corners:
         changes: dict[str, Any] = {
@@ -190,23 +181,10 @@ def extremes(ranges: tuple[tuple[str, Range], ...], vehicle: Vehicle) -> list[Ve
     return found
 
 
-def least_time_constants(ranges: tuple[tuple[str, Range], ...], front: Actuator, rear: Actuator) -> tuple[float, float]:
+def least_time_constants(drawn: Drawn, front: Actuator, rear: Actuator) -> tuple[float, float]:
     """Of the two actuators, s."""
-    drawn, found = dict(ranges), []
+    chosen_of, found = dict(drawn), []
     for axle, actuator in (("front", front), ("rear", rear)):
-        chosen, own = drawn.get(f"{axle}_time_constant"), actuator.time_constant
-        found.append(own if chosen is None else chosen.low * (own if chosen.relative else 1.0))
+        chosen, own = chosen_of.get(f"{axle}_time_constant"), actuator.time_constant
+        found.append(own if chosen is None else chosen.bounds[0] * (own if chosen.relative else 1.0))
     return found[0], found[1]
-
-
-def _range(label: str, given: Any) -> Range:
-    if isinstance(given, Range):
-        return given
-    if isinstance(given, Mapping):
-        return from_fields(label, Range, given)
-    if not isinstance(given, (tuple, list)) or len(given) not in (2, 3) or (len(given) == 3 and given[2] != "relative"):
-        raise TypeError(f"{label} must be (low, high) or (low, high, 'relative'), got {given!r}")
-    try:
-        return Range(given[0], given[1], len(given) == 3)
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"{label}: {error}") from None

@@ -9,7 +9,7 @@ import torch
 from bicycle_env.backends.compiled import NUMBA, entry_point
 from bicycle_env.backends.single_precision import NUMBA_FLOAT32
 from bicycle_env.physics.elementary import NUMPY, PYTHON, array_namespace
-from bicycle_env.physics.random_bits import normal, random_bits, threefry
+from bicycle_env.physics.random_bits import MOST_DEVIATIONS, normal, normal_quantile, random_bits, threefry
 
 # Random123's known answers (kat_vectors): threefry2x32, 20 rounds: counter, key, bits
 KNOWN = [
@@ -77,3 +77,12 @@ def test_steps_channels_and_keys_are_independent():
     bits = random_bits(PYTHON)
     seen = {bits((1.0, 2.0, 3.0, 4.0), float(step), channel) for step in range(50) for channel in range(20)}
     assert len(seen) == 1000
+
+
+def test_the_quantiles_are_the_normal_distributions():
+    end = scipy.stats.norm.cdf(MOST_DEVIATIONS)
+    shares = np.linspace(1.0 - end, end, 100_001)
+    found = normal_quantile(NUMPY)(shares)
+    assert (np.diff(found) > 0.0).all()
+    assert np.abs(found - scipy.stats.norm.ppf(shares)).max() < 6e-4
+    assert np.abs(scipy.stats.norm.cdf(found) - shares).max() < 2e-5

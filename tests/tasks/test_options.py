@@ -19,7 +19,7 @@ from bicycle_env.physics import actuators
 from bicycle_env.physics.car import CarParameters, car_on_road
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.records import replaced
-from bicycle_env.tasks import drivers, randomised
+from bicycle_env.tasks import distributions, drivers
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.control_step import command_of
 from bicycle_env.tasks.disturbances import Disturbance, FrictionStep, Gust, IcePatch, StiffnessLoss
@@ -416,7 +416,7 @@ def test_plain_forms_and_json_make_equal_environments():
         "driver": dataclasses.asdict(EVERYTHING["driver"]),
     }
     objects = {name: EVERYTHING[name] for name in ("disturbances", "driver")}
-    ranges = {"mass": randomised.Range(0.9, 1.2, relative=True), "friction": (0.3, 1.0)}
+    ranges = {"mass": distributions.Uniform(0.9, 1.2, relative=True), "friction": (0.3, 1.0)}
     assert altered(Stabilise(), **plain) == altered(Stabilise(), **objects, randomise=ranges)
     mine = make(**EVERYTHING)
     assert gym.make(EnvSpec.from_json(mine.spec.to_json())).unwrapped.task == mine.task
@@ -428,7 +428,10 @@ def test_plain_forms_and_json_make_equal_environments():
         ({"randomise": {"grip": (0.3, 1.0)}}, "randomise: parameter must be one of .*got 'grip'"),
         ({"randomise": {"fricton": (0.3, 1.0)}}, "did you mean 'friction'"),
         ({"randomise": {"friction": (1.0, 0.3)}}, r"randomise\['friction'\]: high must be"),
-        ({"randomise": {"friction": 0.3}}, r"must be \(low, high\) or \(low, high, 'relative'\), got 0.3"),
+        (
+            {"randomise": {"friction": 0.3}},
+            r"must be \(low, high\) or .*'relative'\), or one of bicycle_env.distributions, got 0.3",
+        ),
         ({"randomise": {"mass": (1e-3, 1.0, "relative")}}, "physics_timestep must be <="),
         ({"randomise": 3}, "randomise must be a mapping"),
         ({"disturbances": Gust()}, r"disturbances must be a tuple of disturbances, for example \(Gust\(\),\)"),
