@@ -145,9 +145,9 @@ class DoubleLaneChange(Task):
     rewards = LaneChange.rewards
     defaults = {"vehicle": "understeer"}  # noqa: RUF012 (a constant)
     levels = {  # noqa: RUF012 (a constant)
-        "easy": {"speed": 18.0},
+        "easy": {"speed": 20.0},
         "medium": {},
-        "hard": {"randomise": {"friction": (0.6, 1.0)}, "action_delay": 3},
+        "hard": {"speed": 28.0, "randomise": {"friction": (0.6, 1.0)}, "action_delay": 3},
     }
     settled_seconds = 0.001  # to have passed the cones once is enough
     uniform_corridor = False

@@ -104,6 +104,14 @@ def test_the_mirror_image_is_exact(env_id, level):
     assert compared > 150
 
 
+@pytest.mark.parametrize("level", LEVELS)
+def test_the_cones_can_be_passed_in_time(level):
+    """18 m/s was too slow: no success, though every cone stood."""
+    fleet = registered_fleet(gym.spec("BicycleDoubleLaneChange-v0"), 1, {"level": level})
+    one = fleet.configuration
+    assert fleet.origin.task.seconds_to_pass(one.car) < one.task.episode_steps * one.control_timestep
+
+
 # Keywords beside a level
 
 
