@@ -5,19 +5,21 @@ It stands on top of envs and control; nothing below imports it.
 
 from __future__ import annotations
 
-from bicycle_env.optimum.outcomes import Outcomes, drive, make_cars
+from bicycle_env.optimum.outcomes import Outcome, Outcomes, drive, make_cars, replay
 from bicycle_env.optimum.steering_search import Rescue, search_steering
 from bicycle_env.optimum.tuning import Budget, Candidate, Tuning, budget, tune
 
 __all__ = [
     "Budget",
     "Candidate",
+    "Outcome",
     "Outcomes",
     "Rescue",
     "Tuning",
     "budget",
     "drive",
     "make_cars",
+    "replay",
     "search_steering",
     "tune",
 ]

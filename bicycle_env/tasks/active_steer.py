@@ -142,6 +142,7 @@ class ActiveSteer(Task):
     )
     options = {"direction": SIDES, **RANGES}  # noqa: RUF012 (a constant)
     companions = twin.NAMES
+    hidden = ("relative_friction", "amplitude", "frequency", "dwell")
 
     direction: str = "random"
     relative_speed: tuple[float, float] = (0.88, 1.0)

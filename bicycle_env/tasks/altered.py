@@ -46,6 +46,11 @@ class AlteredTask(Task):
         return ()
 
     @property
+    def kept_hidden(self) -> tuple[str, ...]:
+        """Those of them that are drawn and that the first observation does not tell."""
+        return ()
+
+    @property
     def Kept(self) -> Any:
         """Named-tuple class of them."""
         return record_of("Kept", self.kept)
@@ -137,6 +142,10 @@ class AlteredTask(Task):
     def flipped(self) -> tuple[str, ...] | None:  # type: ignore[override]
         inner = self.task.flipped
         return None if inner is None else (*inner, *self.kept_flipped)
+
+    @property
+    def hidden(self) -> tuple[str, ...]:  # type: ignore[override]
+        return (*self.task.hidden, *self.kept_hidden)
 
     @property
     def limits(self) -> Limits:

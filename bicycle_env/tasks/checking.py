@@ -55,10 +55,10 @@ def _check_task(task: Task) -> None:
     fields = (*CarState._fields, *COMMANDS, "time", *task.TaskState._fields)
     if task.State._fields != fields:
         raise ValueError(f"task {name}: State must have the fields {', '.join(fields)}, got {task.State._fields}")
-    if not set(task.flipped or ()) <= set(task.TaskState._fields):
-        raise ValueError(
-            f"task {name}: flipped must be names of TaskState, {task.TaskState._fields}, got {task.flipped}"
-        )
+    for what in ("flipped", "hidden"):
+        names = getattr(task, what) or ()
+        if not set(names) <= set(task.TaskState._fields):
+            raise ValueError(f"task {name}: {what} must be names of TaskState, {task.TaskState._fields}, got {names}")
     for reward in ("default", "quadratic"):
         if not isinstance(task.rewards.get(reward), Reward):
             raise ValueError(f"task {name}: rewards must hold a Reward for {reward!r}, got {task.rewards!r}")

@@ -274,6 +274,10 @@ class DisturbedTask(AlteredTask):
         return tuple(name for name, *_ in self._amounts)
 
     @property
+    def kept_hidden(self) -> tuple[str, ...]:
+        return self.kept
+
+    @property
     def kept_flipped(self) -> tuple[str, ...]:
         pairs = zip(self.disturbances, self._labels, strict=True)
         return tuple(f"{label}_{name}" for one, label in pairs for name in one.flips)

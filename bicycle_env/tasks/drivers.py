@@ -248,6 +248,10 @@ class DrivenTask(AlteredTask):
         return ("driver_side",)
 
     @property
+    def kept_hidden(self) -> tuple[str, ...]:
+        return self.kept
+
+    @property
     def kept_flipped(self) -> tuple[str, ...]:
         return self.kept
 

@@ -166,6 +166,7 @@ class Evade(Task):
         "hard": {"front_actuator": dataclasses.replace(FRONT, rate_limit=math.radians(15.0))},
     }
     flipped = ("side",)
+    hidden = ("relative_friction",)
     options = {"direction": SIDES, **RANGES}  # noqa: RUF012 (a constant)
 
     direction: str = "random"

@@ -49,6 +49,10 @@ class RandomisedTask(AlteredTask):
         return tuple(name for name, _ in self.drawn)
 
     @property
+    def kept_hidden(self) -> tuple[str, ...]:
+        return self.kept
+
+    @property
     def numbers(self) -> Mapping[str, float]:
         return {f"{name}_{what}": value for name, chosen in self.drawn for what, value in chosen.numbers().items()}
 

@@ -119,6 +119,10 @@ class SensedTask(AlteredTask):
         return (*KEY, "noise_side", *(ACCELEROMETER if self._accelerometer else ()))
 
     @property
+    def kept_hidden(self) -> tuple[str, ...]:
+        return KEY
+
+    @property
     def kept_flipped(self) -> tuple[str, ...]:
         return self.kept[len(KEY) :]
 

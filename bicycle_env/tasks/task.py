@@ -101,6 +101,9 @@ class Task(abc.ABC):
     flipped: ClassVar[tuple[str, ...] | None] = ()
     """Names in ``TaskState`` that change sign in the mirror image; None for a task that has no mirror image."""
 
+    hidden: ClassVar[tuple[str, ...]] = ()
+    """Names in ``TaskState`` that are drawn for an episode and that its first observation does not tell."""
+
     @property
     def limits(self) -> Limits:
         """Of :meth:`end` and of the quadratic reward."""

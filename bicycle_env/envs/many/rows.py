@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,20 @@ from bicycle_env.envs.fleet import CAR_OPTIONS, Fleet, configure_fleet, is_seque
 from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_numbers
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.validation import choice
 from bicycle_env.tasks.episode import World
 from bicycle_env.tasks.task import Allowed, Task, allowed_number, checked_state
 
 Column = NDArray[np.float64]
+
+
+class VectorSnapshot(NamedTuple):
+    """All that the future of a vector environment depends on."""
+
+    rows: NDArray[Any]
+    generators: tuple[Any, ...]
+    names: tuple[str, ...] = ()
+    """Of the numbers of the task's state."""
 
 
 class Rows:
@@ -27,7 +37,7 @@ class Rows:
 
     def __init__(self, kind: Kind, fleet: Fleet, num_envs: int, step_limit: int | None) -> None:
         first, at, dtype = fleet.configuration, layout(kind), np.dtype(kind.dtype)
-        self._num_envs = num_envs
+        self._num_envs, self._drawn = num_envs, kind.task.TaskState._fields
         self.blocks = -(-num_envs // kind.length)
         self._names = {
             name: column
@@ -109,6 +119,13 @@ class Rows:
         rows = np.flatnonzero(mask)
         length = self._shape[2]
         self._columns[rows // length, :, rows % length] = copy
+
+    def mixed(self, rows: NDArray[Any], others: NDArray[Any], names: Sequence[str]) -> NDArray[Any]:
+        """Copies of ``episodes``: `rows`, with numbers of the task's state, by name, as in `others`."""
+        columns = [self._names[choice("name", name, self._drawn)] for name in names]
+        found = rows.copy()
+        found[:, columns] = others[:, columns]
+        return found
 
     def state(self, record: Any, control_timestep: float) -> Any:
         """The state as a record of arrays (num_envs,)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bicycle_env.envs.fleet import ConfiguredFleet
 from bicycle_env.envs.many import block_kernels, blocks
 from bicycle_env.envs.many.generators import Generators, checked_seeds
-from bicycle_env.envs.many.rows import Rows, checked_cars, checked_mask, checked_start
+from bicycle_env.envs.many.rows import Rows, VectorSnapshot, checked_cars, checked_mask, checked_start
 from bicycle_env.envs.many.threads import Threads
 from bicycle_env.envs.registered_fleet import fleet_of
 from bicycle_env.envs.setup import ONE_CAR
@@ -30,15 +30,6 @@ from bicycle_env.tasks.episode import EpisodeState, World
 
 INT8 = np.dtype(np.int8)
 MOST_THREADS = 1024
-
-
-class VectorSnapshot(NamedTuple):
-    """All that the future of a vector environment depends on."""
-
-    rows: NDArray[Any]
-    generators: tuple[Any, ...]
-    names: tuple[str, ...] = ()
-    """Of the numbers of the task's state."""
 
 
 class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any]):
@@ -275,6 +266,10 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         self._kernels.look(self._numbers, self._everyone, *results[:2])
         observation: NDArray[np.float32] = results[0]
         return observation
+
+    def mixed(self, snapshot: VectorSnapshot, other: VectorSnapshot, names: Sequence[str]) -> VectorSnapshot:
+        """A snapshot of this environment with numbers of the task's state, by name, as in another one."""
+        return snapshot._replace(rows=self._rows.mixed(snapshot.rows, other.rows, names))
 
     # Inner workings
 
