@@ -79,7 +79,7 @@ class RearSteering(TunableLaw):
         )
         if self.gains.shape != (len(self.parameters),):
             raise ValueError(f"gains must be {len(self.parameters)} numbers, got shape {self.gains.shape}")
-        self._matrix = self.matrix(self.gains)
+        self.values, self._matrix = self.gains, self.matrix(self.gains)
         self._places = {name: names.index(name) for name in (*NEEDED, "sideslip") if name in names}
         self._scale = plant.observation_scale
         self._axles, self._limit = plant.action_space.shape[-1], plant.rear_actuator.angle_limit

@@ -97,6 +97,7 @@ class EvadePath(TunableLaw):
     name = "evade-path"
     tuned_for = "evade"
     parameters = (*PATH, *WeightedPolicy.parameters)
+    planned = tuple(one.name for one in PATH)
 
     def __init__(self, plant: Plant, path: PathRound | None = None, weights: Weights | None = None) -> None:
         names = list(plant.observation_names)
@@ -115,7 +116,11 @@ class EvadePath(TunableLaw):
         self._gates = [names.index(name) for name in GATES]
         self.model = plant.linear_model(quasi_static=True)
         self._steps = preview_steps(np.array([LOOK_AHEAD]), self.model.timestep)
-        self.gain, self.preview = self._design(weights or weights_of(self._weights, values[len(PATH) :]))
+        weights = weights or weights_of(self._weights, values[len(PATH) :])
+        self.values = np.array(
+            [*dataclasses.astuple(self.path), *(getattr(weights, one.name) for one in self._weights)]
+        )
+        self.gain, self.preview = self._design(weights)
         self._take([(self.gain, self.preview)])
 
     @classmethod

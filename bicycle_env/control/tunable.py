@@ -72,6 +72,11 @@ class ArgumentPolicy(TunablePolicy):
 class TunableLaw(TunablePolicy):
     """One whose parameters are mere numbers of its law, so that each car of a batch may have its own."""
 
+    values: Matrix
+    """Those that it has, (parameters,) as ``searched`` lists them."""
+    planned: ClassVar[tuple[str, ...] | None] = None
+    """Names of the parameters that may be planned anew for every start; None: all."""
+
     @abc.abstractmethod
     def vary(self, values: Matrix) -> None:
         """Let each car have values of its own, (cars, parameters)."""

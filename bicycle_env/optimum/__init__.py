@@ -6,6 +6,7 @@ It stands on top of envs and control; nothing below imports it.
 from __future__ import annotations
 
 from bicycle_env.optimum.outcomes import Outcome, Outcomes, drive, make_cars, replay
+from bicycle_env.optimum.parameter_search import OwnParameters, search_parameters
 from bicycle_env.optimum.steering_search import Rescue, search_steering
 from bicycle_env.optimum.tuning import Budget, Candidate, Tuning, budget, tune
 
@@ -14,12 +15,14 @@ __all__ = [
     "Candidate",
     "Outcome",
     "Outcomes",
+    "OwnParameters",
     "Rescue",
     "Tuning",
     "budget",
     "drive",
     "make_cars",
     "replay",
+    "search_parameters",
     "search_steering",
     "tune",
 ]

@@ -86,7 +86,7 @@ def tune(
     """
     plant: Any = gym.make(env_id, **keywords).unwrapped
     law = control.tunable(controller)
-    space = _Space(control.searched(law, plant))
+    space = Space(control.searched(law, plant))
     population = budget(law).population
     iterations = iterations or budget(law).iterations
     judge = _Judge(env_id, keywords, law, plant)
@@ -130,7 +130,7 @@ def rounded(values: Matrix) -> Matrix:
     return found
 
 
-class _Space:
+class Space:
     """Where the search goes: the parameters themselves, or their decimal logarithms."""
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
@@ -140,22 +140,24 @@ class _Space:
             [(one.least, one.greatest, one.least if one.start is None else one.start) for one in parameters]
         )
         ends[self._logarithmic] = np.log10(ends[self._logarithmic])
-        self._low, self._high, self._start = ends.T
+        low, high, self._start = ends.T
+        self.bounds = low, high
         self._anywhere = np.array([one.start is None for one in parameters])
         self._spread = np.array([one.spread for one in parameters])
+        self.deviation = np.where(self._anywhere, (high - low) / 3.0, 1.5 * self._spread)
+        """At first."""
         self.least_deviation = np.where(self._logarithmic, 0.03, 0.02 * self._spread)
 
     def beginning(self, random: np.random.Generator) -> tuple[Matrix, Matrix]:
         """A restart's first mean and deviation."""
-        mean, deviation = self._start.copy(), 1.5 * self._spread
+        mean, (low, high) = self._start.copy(), self.bounds
         free, known = self._anywhere, ~self._anywhere
-        mean[free] = random.uniform(self._low[free], self._high[free])
-        deviation[free] = (self._high[free] - self._low[free]) / 3.0
+        mean[free] = random.uniform(low[free], high[free])
         mean[known] += self._spread[known] * random.standard_normal(np.count_nonzero(known))
-        return mean, deviation
+        return mean, self.deviation
 
     def clipped(self, places: Matrix) -> Matrix:
-        found: Matrix = np.clip(places, self._low, self._high)
+        found: Matrix = np.clip(places, *self.bounds)
         return found
 
     def values(self, places: Matrix) -> Matrix:
@@ -163,6 +165,12 @@ class _Space:
         values = places.copy()
         values[:, self._logarithmic] = rounded(10.0 ** places[:, self._logarithmic])
         return values
+
+    def places(self, values: Matrix) -> Matrix:
+        """Of one set of values, (parameters,)."""
+        places = values.copy()
+        places[self._logarithmic] = np.log10(values[self._logarithmic])
+        return places
 
     def candidate(self, values: Matrix, outcome: Outcomes | None) -> Candidate:
         figures = (0.0, 0.0, -np.inf) if outcome is None else (float(np.mean(value)) for value in outcome[:3])

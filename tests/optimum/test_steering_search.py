@@ -11,26 +11,13 @@ import pytest
 
 import bicycle_env  # noqa: F401
 from agents.episodes import start_seeds
-from bicycle_env import Actuator, control
-from bicycle_env.optimum import search_steering
+from bicycle_env import control
+from bicycle_env.optimum import replay, search_steering
+from bicycle_env.optimum.steering_search import Knots
 
 ROOT = Path(__file__).parents[2]
 REPORTED = start_seeds(200, 1)
 SAVED_BY_A_TUNED_LQR = [REPORTED[k] for k in (7, 11, 22)]
-
-
-def replay(keywords, seed, actions):
-    """Success, return and steps of a sequence in the single environment."""
-    made = {name: Actuator(**value) if isinstance(value, dict) else value for name, value in keywords.items()}
-    env = gym.make("BicycleStab-v0", **made)
-    env.reset(seed=seed)
-    total, over = 0.0, False
-    for action in actions:
-        assert not over
-        _, reward, terminated, truncated, _ = env.step(action)
-        total, over = total + reward, terminated or truncated
-    assert over
-    return env.unwrapped.is_success, total, not terminated
 
 
 def untuned():
@@ -40,13 +27,14 @@ def untuned():
 
 def test_from_an_untuned_feedback_it_saves_what_the_tuned_one_saves():
     done = []
-    found = search_steering("BicycleStab-v0", {}, untuned(), SAVED_BY_A_TUNED_LQR, progress=done.append)
+    found = search_steering("BicycleStab-v0", {}, untuned(), SAVED_BY_A_TUNED_LQR, span=240, progress=done.append)
     assert [rescue.success for rescue in found] == [True, True, True]
     assert all(1 <= rescue.iterations <= 10 for rescue in found)  # the untuned feedback alone loses them
     assert done[-1] == 3
     for seed, rescue in zip(SAVED_BY_A_TUNED_LQR, found, strict=True):
         assert rescue.actions.dtype == np.float32
-        assert replay({}, seed, rescue.actions) == (True, rescue.episode_return, True)
+        repeated = replay("BicycleStab-v0", {}, seed, rescue.actions)
+        assert repeated == (True, True, rescue.episode_return, len(rescue.actions))
 
 
 def test_what_the_feedback_saves_needs_no_search():
@@ -67,7 +55,7 @@ def test_a_start_that_is_lost_has_the_best_failure_and_the_same_seed_finds_it_ag
     assert first.episode_return + len(first.actions) > alone.episode_return + len(alone.actions)
     assert np.array_equal(first.actions, again.actions)
     assert not np.array_equal(first.actions, other.actions)
-    assert replay({}, lost[0], first.actions) == (False, first.episode_return, first.on_road)
+    assert replay("BicycleStab-v0", {}, lost[0], first.actions)[:3] == first[:3]
 
 
 def replay_of_lqr(seed):
@@ -82,13 +70,27 @@ def replay_of_lqr(seed):
 
 
 def test_too_few_samples_have_no_elite():
-    with pytest.raises(ValueError, match="samples must be at least 8, got 7"):
+    with pytest.raises(ValueError, match=r"samples.*8.*got 7"):
         search_steering("BicycleStab-v0", {}, untuned(), [1], samples=7)
 
 
+def test_knots_cover_the_span_and_end_at_nothing():
+    assert [Knots.over(*given) for given in ((240, 1), (300, 1), (340, 1), (300, 5), (20, 1))] == [
+        (40, 6),
+        (50, 6),
+        (49, 7),
+        (30, 2),
+        (4, 6),
+    ]
+    added = Knots(2, 3).between(np.array([[[1.0, 0.0], [4.0, -3.0]]]))
+    found = [np.broadcast_to(added(step), (1, 2))[0].tolist() for step in range(7)]
+    assert np.allclose(found, [[1, 0], [2, -1], [3, -2], [4, -3], [8 / 3, -2], [4 / 3, -1], [0, 0]])
+
+
+COMMITTED = json.loads((ROOT / "results" / "headroom.steering.json").read_text())
 SEQUENCES = [
-    pytest.param(one, id=f"{name}-{k}")
-    for name, many in json.loads((ROOT / "results" / "headroom.steering.json").read_text())["sequences"].items()
+    pytest.param({"env_id": COMMITTED.get("env_id"), **one}, id=f"{name}-{k}")
+    for name, many in COMMITTED["sequences"].items()
     for k, one in enumerate(many)
 ]
 
@@ -96,6 +98,5 @@ SEQUENCES = [
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_a_committed_sequence_saves_its_car(sequence):
     assert sequence["start"] in REPORTED
-    success, _, on_road = replay(sequence["keywords"], sequence["start"], np.array(sequence["actions"], np.float32))
-    assert success
-    assert on_road
+    actions = np.array(sequence["actions"], np.float32)
+    assert replay(sequence["env_id"], sequence["keywords"], sequence["start"], actions)[:2] == (True, True)

@@ -1,0 +1,168 @@
+"""What a law saves whose parameters may be other ones for each start: searched knowing the future, or not knowing it.
+
+Knowing it, each start is driven as it will be. Not knowing it, a start's parameters are those that do best over many
+draws of what is hidden, everything that is seen at the start being the same, and then drive the start's own episode,
+which was not among the draws: what is drawn of friction, of a driver, of noise cannot be exploited, only allowed for.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bicycle_env.control.tunable import TunableLaw, searched
+from bicycle_env.optimum.cross_entropy import LEAST_SAMPLES, Array, StartSearch, search_each
+from bicycle_env.optimum.outcomes import Cars, by, drive
+from bicycle_env.optimum.tuning import Space
+from bicycle_env.physics.validation import whole
+
+MOST_CARS = 16384
+"""At a time."""
+SHARE_OF_SPREAD = 0.33
+"""The deviation at first, per that of a tuning that knows nothing."""
+SUCCESS = 1e6
+"""A rank is the share of the draws that is saved times this, then the mean of return and steps: these stay below."""
+
+
+class OwnParameters(NamedTuple):
+    """The parameters that were found for one start, and the start's own episode with them."""
+
+    success: bool
+    on_road: bool
+    episode_return: float
+    parameters: tuple[float, ...]
+    """In the order of ``control.tunable.searched``."""
+    draws_saved: float
+    """Share of the draws that they save."""
+    draws_saved_before: float
+    """Share of the same draws that the law's usual parameters save."""
+    iterations: int
+    """0 where these save all draws."""
+
+
+def search_parameters(
+    env_id: str,
+    keywords: Mapping[str, Any],
+    law: TunableLaw,
+    seeds: Sequence[int],
+    *,
+    draws: int | None = 32,
+    samples: int = 32,
+    iterations: int = 10,
+    seed: int = 0,
+    progress: Callable[[int], None] | None = None,
+) -> list[OwnParameters]:
+    """Search for a law's parameters, start by start, around those that it has.
+
+    Better is: more of the draws saved, then the larger mean of return and steps. A start is done where all are saved.
+    Its result depends on its own seed only, so that many starts may be searched block by block.
+
+    Args:
+        env_id, keywords: of the environment.
+        law: a ``control.tunable.TunableLaw`` of this environment; it stays as it is.
+        seeds: of the starts, as for ``reset``.
+        draws: of what is hidden (the task's ``hidden``), the same for all samples of a start; see ``drive``. None: the
+            start's own future is known, and the only one.
+        samples: sets of parameters per iteration, at least 8, the first of which is the mean of the others.
+        iterations: at most so many.
+        seed: of the random numbers; each start has its own stream, and its draws come from that.
+        progress: called with how many starts are done.
+
+    Raises:
+        ValueError: draws of a task that hides nothing; too few samples or draws.
+    """
+    whole("samples", samples, LEAST_SAMPLES)
+    whole("draws", 1 if draws is None else draws, 1)
+    cars, law = Cars(env_id, keywords), copy.copy(law)
+    if draws is not None and not cars.plant.task.hidden:
+        raise ValueError(
+            f"draws must be None where the task hides nothing, got {draws}: {env_id} with {dict(keywords)}"
+        )
+    space = _Planned(law, cars.plant)
+    best = dict.fromkeys(range(len(seeds)), space.usual)
+    futures = [[start] if draws is None else draws_of(start, draws, seed) for start in seeds]
+    per = len(futures[0]) if futures else 1
+
+    def driven(starts: Sequence[int], values: Array) -> Array:
+        """(starts, samples, 2): share saved, and mean of return and steps, of values (starts, samples, parameters)."""
+        tried = values.shape[1]
+        law.vary(np.repeat(values.reshape(-1, values.shape[-1]), per, axis=0))
+        own = np.repeat([seeds[k] for k in starts], tried * per).tolist()
+        drawn = None if draws is None else [one for k in starts for one in futures[k] * tried]
+        outcomes = drive(cars.of(len(own)), by(law), own, drawn)
+        gained = np.stack([outcomes.success, outcomes.episode_return + outcomes.steps], axis=-1)
+        mean: Array = gained.reshape(len(starts), tried, per, 2).mean(axis=2)
+        return mean
+
+    batch = max(MOST_CARS // (samples * per), 1)
+    most = max(MOST_CARS // per, 1)
+    some = [range(first, min(first + most, len(seeds))) for first in range(0, len(seeds), most)]
+    usual = np.concatenate([driven(one, np.tile(space.usual, (len(one), 1, 1)))[:, 0] for one in some])
+    found = {k: tuple(usual[k]) for k in range(len(seeds))}
+    iterations_of = dict.fromkeys(found, 0)
+    lost = [k for k in found if found[k][0] < 1.0]
+    done = len(seeds) - len(lost)
+
+    def begin(k: int) -> StartSearch:
+        random = np.random.default_rng([seed, seeds[k], 1])
+        return _AroundMean(random, *space.distribution, samples, iterations)
+
+    def iterate(running: dict[int, StartSearch]) -> None:
+        nonlocal done
+        starts = list(running)
+        values = space.values(np.stack([search.draw() for search in running.values()]))
+        for k, own, gained in zip(starts, values, driven(starts, values), strict=True):
+            search = running[k]
+            top = search.learn(SUCCESS * gained[:, 0] + gained[:, 1])
+            if tuple(gained[top]) > found[k]:
+                found[k], best[k], iterations_of[k] = tuple(gained[top]), own[top], search.iteration
+            search.done = found[k][0] == 1.0
+        done += sum(search.over for search in running.values())
+        if progress is not None:
+            progress(done)
+
+    search_each(lost if iterations else [], begin, iterate, batch)
+    law.vary(np.array(list(best.values())))
+    outcomes = drive(cars.of(len(seeds)), by(law), list(seeds))
+    return [
+        OwnParameters(
+            *outcomes.one(k)[:3], tuple(best[k].tolist()), float(found[k][0]), float(usual[k, 0]), iterations_of[k]
+        )
+        for k in range(len(seeds))
+    ]
+
+
+def draws_of(start: int, draws: int, seed: int) -> list[int]:
+    """Seeds of what is hidden, for a start: 64 random bits each."""
+    bits = np.random.SeedSequence([seed, start, 2]).generate_state(draws, np.uint64)
+    return [int(one) for one in bits]
+
+
+class _Planned:
+    """The parameters that are searched among a law's: those that may be others for each start."""
+
+    def __init__(self, law: TunableLaw, plant: Any) -> None:
+        """``usual``: all those of the law; ``distribution``: what ``StartSearch`` takes."""
+        self.usual = np.array(law.values)
+        parameters = searched(type(law), plant)
+        self._places = [k for k, one in enumerate(parameters) if law.planned is None or one.name in law.planned]
+        self._space = Space([parameters[k] for k in self._places])
+        mean, deviation = self._space.places(self.usual[self._places]), SHARE_OF_SPREAD * self._space.deviation
+        self.distribution = mean, deviation, self._space.least_deviation, self._space.bounds
+
+    def values(self, drawn: Array) -> Array:
+        """(starts, samples, parameters) of what is drawn."""
+        found = np.tile(self.usual, (*drawn.shape[:-1], 1))
+        found[..., self._places] = self._space.values(drawn.reshape(-1, drawn.shape[-1])).reshape(drawn.shape)
+        return found
+
+
+class _AroundMean(StartSearch):
+    """The first sample is the mean: at first the law as it is."""
+
+    def draw(self) -> Array:
+        super().draw()[0] = self._mean
+        return self.drawn
