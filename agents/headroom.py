@@ -36,6 +36,8 @@ from bicycle_env import Actuator, analysis, control, optimum, plots, provenance
 from bicycle_env.files import write_json
 
 ENV_ID = "BicycleStab-v0"
+SEARCHED_STEPS = 240
+"""Of each episode: a car that is saved has settled long before."""
 KEPT_SEQUENCES = 2
 """Of each condition, steering sequences of the search that are written down."""
 
@@ -155,7 +157,13 @@ def condition(keywords: dict[str, Any], args: Args, bar: Progress) -> tuple[dict
         row[name] = figures(*driven[:3], lap(), inside)
     job = bar.add_task("search, start by start", total=args.episodes)
     found = optimum.search_steering(
-        ENV_ID, keywords, tuned, seeds, seed=args.search_seed, progress=lambda done: bar.update(job, completed=done)
+        ENV_ID,
+        keywords,
+        tuned,
+        seeds,
+        span=SEARCHED_STEPS,
+        seed=args.search_seed,
+        progress=lambda done: bar.update(job, completed=done),
     )
     columns = zip(*((rescue.success, rescue.on_road, rescue.episode_return) for rescue in found), strict=True)
     row["search"] = {
