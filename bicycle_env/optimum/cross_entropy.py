@@ -39,7 +39,7 @@ class StartSearch:
         self.iteration = 0
         self.done = False
         """Set it where nothing better is looked for."""
-        self._mean, self._deviation, self._least = mean, deviation, least_deviation
+        self.mean, self._deviation, self._least = mean, deviation, least_deviation
         self._bounds, self._iterations = bounds, iterations
 
     @property
@@ -50,14 +50,14 @@ class StartSearch:
     def draw(self) -> Array:
         """(samples, ...)."""
         noise = self.random.standard_normal(self.drawn.shape)
-        self.drawn = np.clip(self._mean + self._deviation * noise, *self._bounds)
+        self.drawn = np.clip(self.mean + self._deviation * noise, *self._bounds)
         return self.drawn
 
     def learn(self, ranks: Array) -> int:
         """Move to the elite, an eighth of the samples; gives the best sample's index."""
         order = np.argsort(-ranks, kind="stable")
         elite = self.drawn[order[: len(self.drawn) // LEAST_SAMPLES]]
-        self._mean = elite.mean(axis=0)
+        self.mean = elite.mean(axis=0)
         self._deviation = np.maximum(elite.std(axis=0), self._least)
         self.iteration += 1
         return int(order[0])

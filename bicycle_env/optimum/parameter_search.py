@@ -36,11 +36,11 @@ class OwnParameters(NamedTuple):
     parameters: tuple[float, ...]
     """In the order of ``control.tunable.searched``."""
     draws_saved: float
-    """Share of the draws that they save."""
+    """Share of the draws that chose them which they save."""
     draws_saved_before: float
     """Share of the same draws that the law's usual parameters save."""
     iterations: int
-    """0 where these save all draws."""
+    """Until the best on the draws of the search was found; 0 where the usual parameters were."""
 
 
 def search_parameters(
@@ -58,6 +58,7 @@ def search_parameters(
     """Search for a law's parameters, start by start, around those that it has.
 
     Better is: more of the draws saved, then the larger mean of return and steps. A start is done where all are saved.
+    Where the future is hidden, as many other draws choose among the usual parameters, the best and the last mean.
     Its result depends on its own seed only, so that many starts may be searched block by block.
 
     Args:
@@ -83,24 +84,30 @@ def search_parameters(
         )
     space = _Planned(law, cars.plant)
     best = dict.fromkeys(range(len(seeds)), space.usual)
-    futures = [[start] if draws is None else draws_of(start, draws, seed) for start in seeds]
-    per = len(futures[0]) if futures else 1
+    last = dict(best)
+    per = draws or 1
+    futures = [[start] if draws is None else draws_of(start, 2 * per, seed) for start in seeds]
 
-    def driven(starts: Sequence[int], values: Array) -> Array:
+    def driven(starts: Sequence[int], values: Array, those: slice = slice(per)) -> Array:
         """(starts, samples, 2): share saved, and mean of return and steps, of values (starts, samples, parameters)."""
         tried = values.shape[1]
         law.vary(np.repeat(values.reshape(-1, values.shape[-1]), per, axis=0))
         own = np.repeat([seeds[k] for k in starts], tried * per).tolist()
-        drawn = None if draws is None else [one for k in starts for one in futures[k] * tried]
+        drawn = None if draws is None else [one for k in starts for one in futures[k][those] * tried]
         outcomes = drive(cars.of(len(own)), by(law), own, drawn)
         gained = np.stack([outcomes.success, outcomes.episode_return + outcomes.steps], axis=-1)
         mean: Array = gained.reshape(len(starts), tried, per, 2).mean(axis=2)
         return mean
 
     batch = max(MOST_CARS // (samples * per), 1)
-    most = max(MOST_CARS // per, 1)
-    some = [range(first, min(first + most, len(seeds))) for first in range(0, len(seeds), most)]
-    usual = np.concatenate([driven(one, np.tile(space.usual, (len(one), 1, 1)))[:, 0] for one in some])
+
+    def compared(values: Array, those: slice = slice(per)) -> Array:
+        """As `driven`, of all starts."""
+        most = max(MOST_CARS // (per * values.shape[1]), 1)
+        some = [range(first, min(first + most, len(seeds))) for first in range(0, len(seeds), most)]
+        return np.concatenate([driven(starts, values[starts], those) for starts in some])
+
+    usual = compared(np.tile(space.usual, (len(seeds), 1, 1)))[:, 0]
     found = {k: tuple(usual[k]) for k in range(len(seeds))}
     iterations_of = dict.fromkeys(found, 0)
     lost = [k for k in found if found[k][0] < 1.0]
@@ -120,18 +127,33 @@ def search_parameters(
             if tuple(gained[top]) > found[k]:
                 found[k], best[k], iterations_of[k] = tuple(gained[top]), own[top], search.iteration
             search.done = found[k][0] == 1.0
+            last[k] = space.values(search.mean)
         done += sum(search.over for search in running.values())
         if progress is not None:
             progress(done)
 
     search_each(lost if iterations else [], begin, iterate, batch)
-    law.vary(np.array(list(best.values())))
+    chosen, saved = np.array([best[k] for k in found]), np.array([found[k][0] for k in found])
+    saved_before = usual[:, 0]
+    if draws is not None:  # what fits the draws best fits their accidents, too
+        finalists = np.stack(
+            [np.tile(space.usual, (len(seeds), 1)), chosen, np.array([last[k] for k in found])], axis=1
+        )
+        gained = compared(finalists, slice(per, None))
+        top = np.argmax(SUCCESS * gained[..., 0] + gained[..., 1], axis=1)
+        rows = np.arange(len(seeds))
+        chosen, saved, saved_before = finalists[rows, top], gained[rows, top, 0], gained[:, 0, 0]
+    law.vary(chosen)
     outcomes = drive(cars.of(len(seeds)), by(law), list(seeds))
     return [
         OwnParameters(
-            *outcomes.one(k)[:3], tuple(best[k].tolist()), float(found[k][0]), float(usual[k, 0]), iterations_of[k]
+            *outcomes.one(k)[:3],
+            tuple(chosen[k].tolist()),
+            float(saved[k]),
+            float(saved_before[k]),
+            iterations_of[k],
         )
-        for k in range(len(seeds))
+        for k in found
     ]
 
 
@@ -154,7 +176,7 @@ class _Planned:
         self.distribution = mean, deviation, self._space.least_deviation, self._space.bounds
 
     def values(self, drawn: Array) -> Array:
-        """(starts, samples, parameters) of what is drawn."""
+        """(..., parameters) of what is drawn."""
         found = np.tile(self.usual, (*drawn.shape[:-1], 1))
         found[..., self._places] = self._space.values(drawn.reshape(-1, drawn.shape[-1])).reshape(drawn.shape)
         return found
@@ -164,5 +186,5 @@ class _AroundMean(StartSearch):
     """The first sample is the mean: at first the law as it is."""
 
     def draw(self) -> Array:
-        super().draw()[0] = self._mean
+        super().draw()[0] = self.mean
         return self.drawn

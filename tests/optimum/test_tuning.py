@@ -13,7 +13,7 @@ from agents.episodes import start_seeds
 from bicycle_env import control
 from bicycle_env.control import lqr, tuned_weights
 from bicycle_env.optimum import budget, tune
-from bicycle_env.optimum.tuning import _Space
+from bicycle_env.optimum.tuning import Space
 
 TUNE, SELECT = start_seeds(24, 0, "tune"), start_seeds(100, 0, "select")
 SCORE = 1.0, 1.0 / 400
@@ -109,14 +109,14 @@ def test_every_kind_of_controller_is_tuned_alike(env_id, keywords, controller):
 def test_where_a_search_begins():
     """Anywhere in a range on a logarithmic scale, or around a place; within three deviations of what may be."""
     weights, law = control.LQR.parameters, control.REAR_STEERINGS["rear-linear"].parameters
-    means = np.array([_Space(weights).beginning(np.random.default_rng(seed))[0] for seed in range(400)])
+    means = np.array([Space(weights).beginning(np.random.default_rng(seed))[0] for seed in range(400)])
     assert np.allclose(means.min(axis=0), [0.0, -1.0, -2.0, -2.0, -2.0], atol=0.05)
     assert np.allclose(means.max(axis=0), [3.5, 3.5, 2.5, 1.5, 1.5], atol=0.05)
-    means = np.array([_Space(law).beginning(np.random.default_rng(seed))[0] for seed in range(400)])
+    means = np.array([Space(law).beginning(np.random.default_rng(seed))[0] for seed in range(400)])
     spread = np.array([one.spread for one in law])
     assert np.all(np.abs(means.mean(axis=0) - [one.start for one in law]) < 0.2 * spread)
     assert np.all(np.abs(means.std(axis=0) / spread - 1.0) < 0.15)
-    assert _Space(weights).values(np.array([[2.0, 0.0, 0.5, 1.0, -1.0]])).tolist() == [[100.0, 1.0, 3.162, 10.0, 0.1]]
+    assert Space(weights).values(np.array([[2.0, 0.0, 0.5, 1.0, -1.0]])).tolist() == [[100.0, 1.0, 3.162, 10.0, 0.1]]
 
 
 def test_a_law_has_more_iterations_than_a_design():
