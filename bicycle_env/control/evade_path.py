@@ -68,6 +68,8 @@ PATH = (
     Parameter("return_offset", -10.0, 10.0, 0.0, 0.1),
 )
 """The fields of ``PathRound``."""
+WEIGHTS = {"heading": 20.0, "sideslip": 100.0, "yaw_rate": 0.1, "front_command": 0.5, "rear_command": 0.5}
+"""Where a search for the weights begins: from anywhere, three of five ended in worse valleys."""
 
 
 def ways(path: Any, begin: Matrix, end: Matrix, last: Matrix) -> tuple[Matrix, Matrix, Matrix]:
@@ -96,7 +98,10 @@ class EvadePath(TunableLaw):
 
     name = "evade-path"
     tuned_for = "evade"
-    parameters = (*PATH, *WeightedPolicy.parameters)
+    parameters = (
+        *PATH,
+        *(dataclasses.replace(one, start=WEIGHTS[one.name], spread=0.4) for one in WeightedPolicy.parameters),
+    )
     planned = tuple(one.name for one in PATH)
 
     def __init__(self, plant: Plant, path: PathRound | None = None, weights: Weights | None = None) -> None:

@@ -80,10 +80,11 @@ def test_it_follows_the_path_with_optimal_preview(steer):
 
 def test_its_gains_are_those_of_the_lqr():
     env = gym.make(ID).unwrapped
-    lqr, policy = control.make("lqr", env), EvadePath(env)
+    lqr, weights = control.make("lqr", env), control.tuned_weights("evade")
+    policy = EvadePath(env, weights=weights)
     np.testing.assert_allclose(policy.gain, lqr.gain, rtol=1e-9)
     assert policy.preview.sum() == pytest.approx(-lqr.gain[0, 0], rel=1e-6), "of a path that is shifted"
-    other = EvadePath(env, replace(PATHS["front"], offset=0.0, return_offset=0.0))
+    other = EvadePath(env, replace(PATHS["front"], offset=0.0, return_offset=0.0), weights)
     observation, _ = env.reset(seed=3, options={"state": {"longitudinal_position": 1e4, "yaw_rate": 0.1}})
     np.testing.assert_allclose(other.act(observation), lqr.act(observation), atol=1e-6)
 
