@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
-from agents import messages, pictures, settings
+from agents import messages, pictures, scores, settings
 from agents.episodes import evaluate, hardest_saved, summarise
 from agents.evaluate import console_for_tables, find_policy, make_env, table
 from agents.messages import UserError
@@ -134,6 +134,11 @@ def main() -> int:
     console.print(table(f"{args.env_id}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows, task))
     console.print(table(f"over {args.seeds} seeds: interquartile mean [95 % bootstrap interval]", {algo: whole}, task))
 
+    found = scores.known(env)
+    every = {**controllers, algo: whole}
+    for line in [] if found is None else scores.sentences(found, every):
+        console.print(line)
+
     lqr = controllers["lqr"]["success_rate"]["value"]
     shares = [row["success_rate"]["value"] for row in seeds]
     files.write_json(
@@ -149,6 +154,7 @@ def main() -> int:
             "controllers": controllers,
             "seeds": seeds,
             "over_seeds": whole,
+            **({} if found is None else {"scores": scores.scored(found, every)}),
             "median_success_of_lqr": float(np.median(shares)) / lqr if lqr else None,
             "worst_success_of_lqr": min(shares) / lqr if lqr else None,
         },

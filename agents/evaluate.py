@@ -24,7 +24,7 @@ from rich.table import Table
 from rich.text import Text
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import messages, trained
+from agents import messages, scores, trained
 from agents.episodes import evaluate, summarise
 from agents.messages import UserError
 from bicycle_env import Vehicle, control, provenance
@@ -220,6 +220,9 @@ def main() -> None:
     title = f"{args.env_id}: {args.episodes} episodes, the same starts for all; mean [95 % interval]"
     plant: Any = env.unwrapped
     console.print(table(title, rows, plant.task))
+    found = scores.known(env)
+    for line in [] if found is None else scores.sentences(found, rows):
+        console.print(line)
     if args.json is not None:
         write_json(
             args.json,
@@ -233,6 +236,7 @@ def main() -> None:
                 "seed": args.seed,
                 "seconds": seconds,
                 "policies": rows,
+                **({} if found is None else {"scores": scores.scored(found, rows)}),
             },
         )
         console.print(f"figures: {args.json}")

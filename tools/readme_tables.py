@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from bicycle_env.files import read_json
 from bicycle_env.registration import ENVIRONMENTS
 
 ROOT = Path(__file__).parent.parent
-PAGES = ("README.md", "docs/performance.md", "docs/levels.md")
+PAGES = ("README.md", "docs/performance.md", "docs/levels.md", "docs/headroom.md")
 DEGREES = 57.29577951308232
 
 
@@ -192,36 +193,59 @@ def tensors_table(file: str) -> str:
     return "\n".join([*lines, "", made(result, f"one thread; GPU: {result['gpu']}. `results/{file}`.")])
 
 
-HEADROOM = {"shipped": "LQR as shipped", "tuned": "LQR tuned for it", "search": "found by search"}
+def percent(row: dict[str, Any] | None) -> str:
+    return "-" if row is None else cell(row, "success_rate", 100)
 
 
-def headroom() -> str:
+def headroom_rows(chosen: Callable[[dict[str, Any]], bool]) -> str:
+    """Of each setting: nobody, the best classical controller, those that know more, the bound, and the room."""
     result = read("headroom.json")
-    heads = ["uncontrolled", *HEADROOM.values(), "upper bound"]
+    heads = ["nobody", "best classical, tuned", "the law that knows the friction", "best found without knowing"]
+    heads += ["best found", "bound", "room [points]"]
     lines = ["| success [%] | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
-    for name, row in result["conditions"].items():
-        cells = [cell(row[key], "success_rate", 100) for key in ("uncontrolled", *HEADROOM, "bound")]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    seconds = [
-        f"{what} {min(values):.0f} to {max(values):.0f} s"
-        for what, key in (("tuning", "tuning"), ("search", "search"), ("bound", "bound"))
-        if (values := [row[key]["seconds"] for row in result["conditions"].values()])
-    ]
+    for name, part in result["settings"].items():
+        if chosen(part):
+            rows, best, room = part["drivers"], part["classical"]["driver"], part["room"]
+            low, high = (100 * end for end in room["interval"])
+            knowing = next((row for driver, row in rows.items() if driver.endswith("knows the friction")), None)
+            cells = [percent(rows["uncontrolled"]), f"{percent(rows[best])} `{best.removesuffix(', tuned')}`"]
+            cells += [percent(one) for one in (knowing, rows.get("best found without knowing"), rows["best found"])]
+            cells += [percent(rows.get("upper bound")), f"{100 * room['value']:.1f} [{low:.1f}, {high:.1f}]"]
+            words = f"`{part['env_id']}` {part['level']}" if part["level"] else name.partition(", ")[2]
+            lines.append(f"| {words} | " + " | ".join(cells) + " |")
+    counts = {row["starts"] for part in result["settings"].values() for row in part["drivers"].values()}
     more = (
-        f"search seed 0; a condition takes: {', '.join(seconds)}, on one core; `results/headroom.json`. "
-        "In brackets: 95 % intervals."
+        f'{max(counts)} starts for the controllers, the first 200 of them for "best found", the first 100 for "without '
+        f'knowing"; the room is over the same starts. {result["seconds"] / 60:.0f} minutes with {result["processes"]} '
+        "processes; `results/headroom.json`. In brackets: 95 % intervals."
     )
     return "\n".join([*lines, "", made(result, more)])
 
 
-def headroom_return() -> str:
-    conditions = read("headroom.json")["conditions"]
-    heads = [f"{what}, {name}" for what in ("on the road [%]", "return") for name in HEADROOM.values()]
-    lines = ["| | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
-    for name, row in conditions.items():
-        cells = [cell(row[key], "on_road_rate", 100) for key in HEADROOM]
-        cells += [cell(row[key], "episode_return") for key in HEADROOM]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+def headroom() -> str:
+    return headroom_rows(lambda part: part["level"] is not None)
+
+
+def headroom_variants() -> str:
+    return headroom_rows(lambda part: part["level"] is None)
+
+
+def headroom_controllers() -> str:
+    """Every controller of every level, shipped and tuned, and how far the restarts of its tuning are apart."""
+    heads = ["success [%]", "on the road [%]", "return", "restarts, on the starts that select [%]"]
+    lines = ["| level | controller | " + " | ".join(heads) + " |", "|---" * (len(heads) + 2) + "|"]
+    for part in read("headroom.json")["settings"].values():
+        if part["level"]:
+            for driver, row in part["drivers"].items():
+                if "controller" in row:
+                    low, high = (100 * end for end in row.get("of_restarts", (0.0, 0.0)))
+                    cells = [
+                        cell(row, "success_rate", 100),
+                        cell(row, "on_road_rate", 100),
+                        cell(row, "episode_return"),
+                    ]
+                    cells.append(f"{low:.1f} to {high:.1f}" if "of_restarts" in row else "-")
+                    lines.append(f"| `{part['env_id']}` {part['level']} | {driver} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
@@ -296,7 +320,8 @@ TABLES = {
         tensors,
         gpu,
         headroom,
-        headroom_return,
+        headroom_variants,
+        headroom_controllers,
         entry_speed,
         controllers_stab,
         controllers_lane_change,

@@ -122,6 +122,7 @@ class WeightedPolicy(TunablePolicy):
     def of(cls, plant: Plant, values: Matrix) -> Self:
         made: Any = cls
         policy: Self = made(plant, weights=weights_of(searched(cls, plant), values))
+        policy.values = np.array(values)
         return policy
 
     @classmethod

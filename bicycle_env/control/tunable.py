@@ -43,6 +43,10 @@ class TunablePolicy(Policy):
     parameters: ClassVar[tuple[Parameter, ...]]
     tuned_for: ClassVar[str] = ""
     """The task whose tuned parameters it has by default; "" for those of the plant's own task."""
+    planned: ClassVar[tuple[str, ...] | None] = None
+    """Names of the parameters that may be planned anew for every start; None: all."""
+    values: Matrix
+    """Those that it was made of, (parameters,) as ``searched`` lists them."""
 
     @classmethod
     @abc.abstractmethod
@@ -71,11 +75,6 @@ class ArgumentPolicy(TunablePolicy):
 
 class TunableLaw(TunablePolicy):
     """One whose parameters are mere numbers of its law, so that each car of a batch may have its own."""
-
-    values: Matrix
-    """Those that it has, (parameters,) as ``searched`` lists them."""
-    planned: ClassVar[tuple[str, ...] | None] = None
-    """Names of the parameters that may be planned anew for every start; None: all."""
 
     @abc.abstractmethod
     def vary(self, values: Matrix) -> None:

@@ -7,13 +7,12 @@ which was not among the draws: what is drawn of friction, of a driver, of noise 
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from bicycle_env.control.tunable import TunableLaw, searched
+from bicycle_env.control.tunable import Candidates, TunablePolicy, searched
 from bicycle_env.optimum.cross_entropy import LEAST_SAMPLES, Array, StartSearch, search_each
 from bicycle_env.optimum.outcomes import Cars, by, drive
 from bicycle_env.optimum.tuning import Space
@@ -46,7 +45,7 @@ class OwnParameters(NamedTuple):
 def search_parameters(
     env_id: str,
     keywords: Mapping[str, Any],
-    law: TunableLaw,
+    law: TunablePolicy,
     seeds: Sequence[int],
     *,
     draws: int | None = 32,
@@ -63,7 +62,7 @@ def search_parameters(
 
     Args:
         env_id, keywords: of the environment.
-        law: a ``control.tunable.TunableLaw`` of this environment; it stays as it is.
+        law: of this environment, made of parameters: ``control.make(name, env, parameters=...)``; it stays as it is.
         seeds: of the starts, as for ``reset``.
         draws: of what is hidden (the task's ``hidden``), the same for all samples of a start; see ``drive``. None: the
             start's own future is known, and the only one.
@@ -77,7 +76,7 @@ def search_parameters(
     """
     whole("samples", samples, LEAST_SAMPLES)
     whole("draws", 1 if draws is None else draws, 1)
-    cars, law = Cars(env_id, keywords), copy.copy(law)
+    cars = Cars(env_id, keywords)
     if draws is not None and not cars.plant.task.hidden:
         raise ValueError(
             f"draws must be None where the task hides nothing, got {draws}: {env_id} with {dict(keywords)}"
@@ -91,10 +90,10 @@ def search_parameters(
     def driven(starts: Sequence[int], values: Array, those: slice = slice(per)) -> Array:
         """(starts, samples, 2): share saved, and mean of return and steps, of values (starts, samples, parameters)."""
         tried = values.shape[1]
-        law.vary(np.repeat(values.reshape(-1, values.shape[-1]), per, axis=0))
+        laws = Candidates(type(law), cars.plant, values.reshape(-1, values.shape[-1]), per)
         own = np.repeat([seeds[k] for k in starts], tried * per).tolist()
         drawn = None if draws is None else [one for k in starts for one in futures[k][those] * tried]
-        outcomes = drive(cars.of(len(own)), by(law), own, drawn)
+        outcomes = drive(cars.of(len(own)), by(laws), own, drawn)
         gained = np.stack([outcomes.success, outcomes.episode_return + outcomes.steps], axis=-1)
         mean: Array = gained.reshape(len(starts), tried, per, 2).mean(axis=2)
         return mean
@@ -143,8 +142,8 @@ def search_parameters(
         top = np.argmax(SUCCESS * gained[..., 0] + gained[..., 1], axis=1)
         rows = np.arange(len(seeds))
         chosen, saved, saved_before = finalists[rows, top], gained[rows, top, 0], gained[:, 0, 0]
-    law.vary(chosen)
-    outcomes = drive(cars.of(len(seeds)), by(law), list(seeds))
+    laws = Candidates(type(law), cars.plant, chosen, 1)
+    outcomes = drive(cars.of(len(seeds)), by(laws), list(seeds))
     return [
         OwnParameters(
             *outcomes.one(k)[:3],
@@ -166,7 +165,7 @@ def draws_of(start: int, draws: int, seed: int) -> list[int]:
 class _Planned:
     """The parameters that are searched among a law's: those that may be others for each start."""
 
-    def __init__(self, law: TunableLaw, plant: Any) -> None:
+    def __init__(self, law: TunablePolicy, plant: Any) -> None:
         """``usual``: all those of the law; ``distribution``: what ``StartSearch`` takes."""
         self.usual = np.array(law.values)
         parameters = searched(type(law), plant)

@@ -1,4 +1,4 @@
-"""The study of the headroom: its figures, its files, and one line for a mistake."""
+"""The study of the headroom: its figures, its files, what is kept of a run that was stopped, one line for a mistake."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ import json
 import math
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import headroom, tune
+from agents import headroom, headroom_picture, headroom_setting
 from agents.episodes import start_seeds
+from agents.headroom_setting import BEST, BLIND, BOUND, UNCONTROLLED, Extent
 from agents.messages import UserError
-from agents.statistics import wilson
-from bicycle_env import Actuator, control
+from bicycle_env import Actuator, optimum
 
 RESULTS = Path(__file__).parents[2] / "results"
+TINY = Extent(12, 6, 4, 8, 2, 0.1, 2, 8)
 
 
 class Everywhere:
@@ -25,61 +27,125 @@ class Everywhere:
         return np.ones(len(columns[0]), bool)
 
 
+def tell(*_):
+    pass
+
+
 @pytest.mark.exhaustive
-def test_a_small_study(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(headroom, "bound", lambda env: Everywhere())
-    monkeypatch.setattr(tune, "TUNING_STARTS", 4)
-    monkeypatch.setattr(tune, "SELECTION_STARTS", 8)
+@pytest.mark.parametrize("name", ["BicycleStab-v0 medium", "BicycleActiveSteer-v0 hard", "BicycleEvade-v0 medium"])
+def test_a_small_study(name, monkeypatch):
+    monkeypatch.setattr(headroom_setting, "recoverable", lambda plant: Everywhere())
+    setting = headroom.SETTINGS[name]
+    part = headroom_setting.study(setting, TINY, 1, 0, tell)
+    rows, names = part["drivers"], headroom_setting.CONTROLLERS[setting.env_id]
+    wanted = {UNCONTROLLED, BEST, *(f"{each}, tuned" for each in names)}
+    hidden = setting.env_id != "BicycleStab-v0"
+    wanted |= {BLIND, f"{names[-1]}, tuned, knows the friction"} if hidden else {BOUND}
+    assert wanted <= set(rows)
+    assert (BLIND in rows) is hidden is bool(part["hidden"])
+    rates = {driver: row["success_rate_of_searched"] for driver, row in rows.items() if driver != BOUND}
+    assert rates[BEST] >= max(rates.values())
+    assert part["reference"]["driver"] == (BLIND if hidden else BEST)
+    assert part["room"]["value"] == pytest.approx(part["reference"]["success_rate"] - part["classical"]["success_rate"])
+    assert part["best_return"] >= rows[BEST]["episode_return"]["value"] - 1e-9
+    for one in part["sequences"]:
+        assert one["start"] in start_seeds(TINY.searched, 1)
+        assert optimum.replay(setting.env_id, one["keywords"], one["start"], np.array(one["actions"])).success
+    json.dumps(part)
+
+
+@pytest.mark.exhaustive
+def test_the_command_writes_its_files_and_goes_on(tmp_path, monkeypatch, capsys):
+    """Processes that are spawned read their extent anew: the quick one, on the id that takes least."""
     out = tmp_path / "headroom.json"
-    words = ["headroom", "--only", "shipped", "--episodes", "12", "--json", str(out)]
-    monkeypatch.setattr("sys.argv", words)
+    monkeypatch.setattr("sys.argv", ["headroom", "--quick", "--only", "LaneChange-v0 easy", "--json", str(out)])
     headroom.main()
-    text = capsys.readouterr().out
-    for word in ("as shipped", "nobody", "LQR tuned for it", "found by search", "upper bound", "on road %"):
-        assert word in text
-    content = json.loads(out.read_text())
-    assert content["command"] == "python -m agents.headroom --episodes 12 --seed 1 --search-seed 0 --only 'shipped'"
-    assert {"date", "machine", "versions", "git"} <= set(content)
-    (row,) = content["conditions"].values()
-    rates = {name: row[name]["success_rate"]["value"] for name in headroom.DRIVERS}
-    assert rates["uncontrolled"] == 0.0
-    assert rates["search"] >= rates["tuned"] > 0.5
-    assert row["search"]["success_rate"]["interval"] == list(wilson(round(12 * rates["search"]), 12))
-    assert row["search"]["episode_return"]["value"] >= row["tuned"]["episode_return"]["value"]
-    assert list(row["tuning"]["parameters"]) == [one.name for one in control.LQR.parameters]
-    assert len(row["tuning"]["on_selection_starts"]["restarts"]) == 5
+    first = json.loads(out.read_text())
+    assert set(first["settings"]) == {"BicycleLaneChange-v0 easy", "BicycleDoubleLaneChange-v0 easy"}
+    assert first["command"] == "python -m agents.headroom --seed 1 --search-seed 0 --quick --only 'LaneChange-v0 easy'"
     assert out.with_suffix(".png").stat().st_size > 10_000
-    (sequences,) = json.loads(out.with_suffix(".steering.json").read_text())["sequences"].values()
-    assert len(sequences) == headroom.KEPT_SEQUENCES
-    assert all(one["start"] in start_seeds(12, 1) for one in sequences)
+    assert "room:" in capsys.readouterr().out
+    monkeypatch.setattr(headroom, "worker", None)  # nothing is left to do
+    headroom.main()
+    assert json.loads(out.read_text())["settings"] == first["settings"]
 
 
-def test_lqr_as_shipped_saves_what_the_table_of_controllers_says():
-    """The vector environment and a batch's products make no difference that a table could show."""
-    conditions = json.loads((RESULTS / "headroom.json").read_text())["conditions"]
-    controllers = json.loads((RESULTS / "controllers_stab.json").read_text())["policies"]
-    for ours, name in (("shipped", "lqr"), ("uncontrolled", "zero")):
-        row = conditions["as shipped"][ours]
-        assert row["success_rate"]["value"] == controllers[name]["success_rate"]["value"]
-        assert row["episode_return"]["value"] == pytest.approx(controllers[name]["episode_return"]["value"], rel=1e-6)
+def test_a_part_of_other_code_is_not_taken(tmp_path):
+    origin = {"git": "a", "versions": {}, "quick": False, "seed": 1, "search_seed": 0}
+    path = headroom.part_file(tmp_path, "BicycleStab-v0, friction 0.4")
+    assert path.name == "BicycleStab-v0--friction-0-4.json"
+    assert headroom.kept(tmp_path, "BicycleStab-v0, friction 0.4", origin) is None
+    path.write_text(json.dumps({**origin, "part": {"level": None}}))
+    assert headroom.kept(tmp_path, "BicycleStab-v0, friction 0.4", origin) == {"level": None}
+    for change in ({"git": "b"}, {"quick": True}, {"seed": 2}, {"search_seed": 1}, {"versions": {"numpy": "1"}}):
+        assert headroom.kept(tmp_path, "BicycleStab-v0, friction 0.4", origin | change) is None
+    path.write_text("{")
+    assert headroom.kept(tmp_path, "BicycleStab-v0, friction 0.4", origin) is None
+
+
+@pytest.mark.parametrize(
+    ("env_id", "keywords", "expected"),
+    [
+        ("BicycleStab-v0", {}, None),
+        ("BicycleEvade-v0", {}, (0.4, 1.0, {"relative_friction": (0.5, 0.6)})),
+        ("BicycleEvade-v0", {"relative_friction": (1.0, 1.0)}, None),
+        (
+            "BicycleStab-v0",
+            {"randomise": {"friction": (0.3, 0.9)}},
+            (0.3, 0.9, {"randomise": {"friction": (0.5, 0.6)}}),
+        ),
+        ("BicycleStab-v0", {"randomise": {"mass": (0.9, 1.1, "relative")}}, None),
+    ],
+)
+def test_which_friction_is_hidden(env_id, keywords, expected):
+    found = headroom_setting.hidden_friction(gym.make(env_id, **keywords).unwrapped.task)
+    assert (found and (*found[:2], found[2](0.5, 0.6))) == expected
+
+
+def test_every_id_and_level_is_studied_and_none_twice():
+    levels = [(setting.env_id, setting.level) for setting in headroom.SETTINGS.values() if setting.level]
+    assert len(levels) == len(set(levels)) == 3 * len(headroom_setting.CONTROLLERS)
+    assert sorted(headroom.ORDER) == sorted(headroom.SETTINGS)
 
 
 def test_keywords_become_plain():
     given = {"steer": "rear", "front_actuator": Actuator(0.1, math.inf, 0.005), "rear_actuator": Actuator(0.1, 2.0)}
-    assert headroom.plain(given) == {
+    assert headroom_setting.plain(given) == {
         "steer": "rear",
         "front_actuator": {"angle_limit": 0.1, "time_constant": 0.005},
         "rear_actuator": {"angle_limit": 0.1, "rate_limit": 2.0, "time_constant": 0.05},
     }
 
 
+def test_a_picture_of_made_up_rates(tmp_path):
+    def row(rate):
+        return {"success_rate_of_searched": rate}
+
+    def side(driver, rate):
+        return {"driver": driver, "success_rate": rate}
+
+    rows = {UNCONTROLLED: row(0.0), "lqr, tuned": row(0.5), BEST: row(0.7)}
+    part = {"drivers": rows, "classical": side("lqr, tuned", 0.5), "reference": side(BEST, 0.7), "room": {"value": 0.2}}
+    hidden = {**part, "drivers": {**rows, BLIND: row(0.6), BOUND: row(0.8)}, "reference": side(BLIND, 0.6)}
+    headroom_picture.draw({"one": part, "two": hidden}, tmp_path / "room.png")
+    assert (tmp_path / "room.png").stat().st_size > 10_000
+
+
+def test_lqr_as_shipped_saves_what_the_table_of_controllers_says():
+    """The vector environment and a batch's products make no difference that a table could show."""
+    rows = json.loads((RESULTS / "headroom.json").read_text())["settings"]["BicycleStab-v0 medium"]["drivers"]
+    controllers = json.loads((RESULTS / "controllers_stab.json").read_text())["policies"]
+    for ours, name in (("lqr, as shipped", "lqr"), (UNCONTROLLED, "zero")):
+        assert rows[ours]["success_rate_of_searched"] == controllers[name]["success_rate"]["value"]
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--episodes", "0"], "--episodes must be at least 1, got 0"),
+        (["--processes", "0"], "--processes must be at least 1, got 0"),
         (["--seed", "-1"], "--seed must be at least 0, got -1"),
         (["--search-seed", "-1"], "--search-seed must be at least 0, got -1"),
-        (["--only", "ice"], "--only must be a part of one of: instant actuators, as shipped"),
+        (["--only", "ice"], "--only must be a part of one of: BicycleStab-v0 easy, BicycleStab-v0 medium"),
     ],
 )
 def test_a_mistake_is_said_before_any_work(words, text, monkeypatch):

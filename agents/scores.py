@@ -1,0 +1,104 @@
+"""How good is good, for one environment and level: what `agents.headroom` has found, and scores measured with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from bicycle_env.files import listed, mapping, number_in, read_json, table, text
+
+FILE = Path(__file__).parents[1] / "results" / "headroom.json"
+RATE = number_in(0.0, 1.0)
+SIDE = table({"driver": text(), "success_rate": RATE, "episode_return": number_in(-1e12, 1e12)}, others=True)
+PART = table(
+    {
+        "classical": SIDE,
+        "reference": SIDE,
+        "room": table({"value": number_in(-1.0, 1.0), "interval": listed(number_in(-1.0, 1.0))}, others=True),
+        "best_return": number_in(-1e12, 1e12),
+    },
+    others=True,
+)
+REACHED = 0.03
+"""Room, a share of the starts, up to which the best classical controller is said to have reached the optimum."""
+LARGEST = 10_000_000
+"""Bytes."""
+
+
+class Known(NamedTuple):
+    """Of an environment and level: the best classical controller tuned for it, and what stands above it."""
+
+    classical: str
+    classical_success: float
+    reference: str
+    reference_success: float
+    """Of the best found; where something is hidden, of the best found without knowing it."""
+    room_interval: tuple[float, float]
+    best_return: float
+    """The mean over starts of the largest return that anyone had there."""
+
+    @property
+    def room(self) -> float:
+        """A share of the starts."""
+        return self.reference_success - self.classical_success
+
+    def score(self, success_rate: float) -> float | None:
+        """0 as good as the best classical controller, 1 as good as the reference; None where it has been reached."""
+        return (success_rate - self.classical_success) / self.room if self.room > REACHED else None
+
+    def regret(self, episode_return: float) -> float:
+        """How much return is missing to the best known."""
+        return self.best_return - episode_return
+
+
+def known(env: Any, path: Path = FILE) -> Known | None:
+    """What is known about an environment that has been reset; None where it is of no level, or nothing is on disk.
+
+    Raises:
+        FileError: the file is damaged.
+    """
+    plant = env.unwrapped
+    if plant.spec is None or plant.scored_level is None or not path.is_file():
+        return None
+    settings = read_json(path, table({"settings": mapping(PART)}, others=True), largest=LARGEST)["settings"]
+    part = settings.get(f"{plant.spec.id} {plant.scored_level}")
+    if part is None:
+        return None
+    classical, reference = part["classical"], part["reference"]
+    low, high = part["room"]["interval"]
+    return Known(
+        classical["driver"],
+        classical["success_rate"],
+        reference["driver"],
+        reference["success_rate"],
+        (low, high),
+        part["best_return"],
+    )
+
+
+def scored(found: Known, rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, float | None]]:
+    """Score and regret of each row of figures."""
+    return {
+        name: {
+            "score": found.score(row["success_rate"]["value"]),
+            "regret": found.regret(row["episode_return"]["value"]),
+        }
+        for name, row in rows.items()
+    }
+
+
+def sentences(found: Known, rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """For people, to stand below a table of these rows."""
+    places = (
+        f"{found.classical} saves {100 * found.classical_success:.1f} %, "
+        f"{found.reference} {100 * found.reference_success:.1f} %"
+    )
+    figures = scored(found, rows)
+    if found.room > REACHED:
+        told = ", ".join(f"{name} {row['score']:.2f}" for name, row in figures.items())
+        lines = [f"score: {told} (0 and 1: {places})"]
+    else:
+        lines = [f"no score: the optimum is known and reached ({places})"]
+    told = ", ".join(f"{name} {row['regret']:.2f}" for name, row in figures.items())
+    return [*lines, f"regret in return: {told} (best known {found.best_return:.2f}; results/headroom.json)"]
