@@ -224,7 +224,9 @@ class _Study:
         """Of each searched start the means over other draws of what is hidden than those that were searched."""
         count = self.extent.draws
         seeds = np.repeat(self.searched, count).tolist()
-        draws = [one for start in self.searched for one in optimum.draws_of(start, 3 * count, self.search_seed)[2 * count :]]
+        draws = [
+            one for start in self.searched for one in optimum.draws_of(start, 3 * count, self.search_seed)[2 * count :]
+        ]
         driven = optimum.drive(self.cars.of(len(seeds)), by(policy), seeds, draws)
         return Outcomes(*(np.reshape(column, (-1, count)).mean(axis=1) for column in driven))
 
