@@ -8,7 +8,7 @@ start, and each success is proven by a replay. The starts are the same for every
 hidden and what comes, and is a lower bound of what can be saved; "best found without knowing" has for each start one
 law, which does best over 32 draws of what is hidden. Where something is hidden, scores are measured against the second,
 else against the first. Settings run side by side, each in a process of its own. Finished ones are kept beside the
-output (NAME.parts/), and the same command goes on where it was stopped.
+output (NAME.parts/), and the same command goes on where it was stopped; --older takes those of other revisions, too.
 """
 
 from __future__ import annotations
@@ -54,6 +54,8 @@ class Args:
     """Seed of the tuning and of the search, and of the starts that tune and select."""
     only: str = ""
     """Settings whose name contains this."""
+    older: bool = False
+    """Take finished settings of other revisions of the code, too: each says its own."""
     processes: int = os.cpu_count() or 1
     """How many settings at a time."""
     json: Path | None = None
@@ -103,7 +105,7 @@ def worker(name: str, extent: Extent, seed: int, search_seed: int, told: Any) ->
 def study(args: Args, names: list[str], origin: dict[str, Any], bar: Progress) -> dict[str, dict[str, Any]]:
     """The parts by name, those that are on disk already from there."""
     folder = None if args.json is None else args.json.with_suffix(".parts")
-    parts = {name: part for name in names if (part := kept(folder, name, origin)) is not None}
+    parts = {name: part for name in names if (part := kept(folder, name, origin, args.older)) is not None}
     left = [name for name in ORDER if name in names and name not in parts]
     whole = bar.add_task("settings", total=len(names), completed=len(parts))
     context = multiprocessing.get_context("spawn")
@@ -126,7 +128,7 @@ def study(args: Args, names: list[str], origin: dict[str, Any], bar: Progress) -
                     bar.update(jobs[name], description=f"{name}: {what}", completed=done, total=total)
                 for future in over:
                     name = running.pop(future)
-                    parts[name] = future.result()
+                    parts[name] = {"git": origin["git"], **future.result()}
                     if folder is not None:
                         folder.mkdir(parents=True, exist_ok=True)
                         write_json(part_file(folder, name), {**origin, "part": parts[name]})
@@ -143,15 +145,16 @@ def part_file(folder: Path, name: str) -> Path:
     return folder / f"{words}.json"
 
 
-def kept(folder: Path | None, name: str, origin: dict[str, Any]) -> dict[str, Any] | None:
-    """The part of an earlier run of the same code with the same seeds and extent; None without one."""
+def kept(folder: Path | None, name: str, origin: dict[str, Any], older: bool = False) -> dict[str, Any] | None:
+    """The part of an earlier run with the same seeds and extent, of the same code unless `older`; None without one."""
     if folder is None or not part_file(folder, name).is_file():
         return None
     try:
         found: dict[str, Any] = read_json(part_file(folder, name), mapping(anything))
     except FileError:
         return None
-    same = all(found.get(key) == origin[key] for key in ("git", "versions", "quick", "seed", "search_seed"))
+    keys = ("quick", "seed", "search_seed", *(() if older else ("git", "versions")))
+    same = all(found.get(key) == origin[key] for key in keys)
     return found["part"] if same else None
 
 

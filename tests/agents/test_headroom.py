@@ -79,6 +79,8 @@ def test_a_part_of_other_code_is_not_taken(tmp_path):
     assert headroom.kept(tmp_path, "BicycleStab-v0, friction 0.4", origin) == {"level": None}
     for change in ({"git": "b"}, {"quick": True}, {"seed": 2}, {"search_seed": 1}, {"versions": {"numpy": "1"}}):
         assert headroom.kept(tmp_path, "BicycleStab-v0, friction 0.4", origin | change) is None
+        taken = headroom.kept(tmp_path, "BicycleStab-v0, friction 0.4", origin | change, older=True)
+        assert (taken is not None) is (set(change) <= {"git", "versions"})
     path.write_text("{")
     assert headroom.kept(tmp_path, "BicycleStab-v0, friction 0.4", origin) is None
 
