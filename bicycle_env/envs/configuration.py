@@ -137,17 +137,8 @@ class Configuration:
         names, unpaid = (STATE_NAMES, ()) if length is None else (RELAXED_NAMES, (0.0, 0.0))
         a, b = continuous_model(self.vehicle, self.speed, actuators, length)
         a, b = rk4_map(a, b[:, columns] * scale, self.action_timestep, self.substeps * repeat)
-        costs = self.costs
-        state_costs = (
-            costs.lateral_cost,
-            costs.heading_cost,
-            costs.lateral_velocity_cost,
-            costs.yaw_rate_cost,
-            costs.front_steer_cost,
-            costs.rear_steer_cost,
-            *unpaid,
-        )
-        command_costs = [(costs.front_command_cost, costs.rear_command_cost)[k] for k in columns]
+        state_costs = (*self.costs.state_costs, *unpaid)
+        command_costs = [self.costs.command_costs[k] for k in columns]
         inputs = [("front_steer_command", "rear_steer_command")[k] for k in columns]
         return LinearModel(
             a,

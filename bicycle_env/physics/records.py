@@ -105,6 +105,12 @@ def part(xp: Any, record: Any) -> Any:
     return xp.function(_written("part", "a", f"return record({values})", record=record))
 
 
+def expression(xp: Any, value: str, arguments: str, **laws: Any) -> Any:
+    """``f(arguments)``: an expression of the arguments and of laws, by their names."""
+    scope = {name: xp.function(law) for name, law in laws.items()}
+    return xp.function(_written("expression", arguments, f"return {value}", **scope))
+
+
 def composed(xp: Any, record: Any, values: Sequence[str], arguments: str, **laws: Any) -> Any:
     """``f(arguments) -> record``: each field from an expression of the arguments and of laws, by their names."""
     scope = {name: xp.function(law) for name, law in laws.items()}
@@ -113,7 +119,4 @@ def composed(xp: Any, record: Any, values: Sequence[str], arguments: str, **laws
 
 def sequence(xp: Any, values: Sequence[str], arguments: str, **laws: Any) -> Any:
     """``f(arguments) -> tuple``, each value from an expression of the arguments and of laws, by their names."""
-    scope = {name: xp.function(law) for name, law in laws.items()}
-    return xp.function(
-        _written("sequence", arguments, f"return ({''.join(f'{value}, ' for value in values)})", **scope)
-    )
+    return expression(xp, f"({''.join(f'{value}, ' for value in values)})", arguments, **laws)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from bicycle_env.physics.car import CarParameters, CarState
+from bicycle_env.physics.records import expression
 from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number, positive
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 
@@ -55,6 +56,14 @@ def plus_square(xp: Any) -> Law:
     return plus_square
 
 
+def squares(xp: Any, weights: tuple[float, ...]) -> Law:
+    """``squares(total, values)``: total + the sum of weight x value^2, in the order of the weights."""
+    sum_of = "total"
+    for k, weight in enumerate(weights):
+        sum_of = f"plus({sum_of}, {weight!r}, values[{k}])"
+    return expression(xp, sum_of, "total, values", plus=plus_square(xp))  # type: ignore[no-any-return]
+
+
 def _not_negative(name: str, value: object) -> float:
     return number(name, value, 0.0)
 
@@ -87,10 +96,8 @@ class Bounded(Reward):
         _check_weights(self)
 
     def law(self, xp: Any) -> Law:
-        plus = xp.function(plus_square(xp))
-        lateral_weight, heading_weight = self.lateral_weight, self.heading_weight
-        sideslip_weight, yaw_rate_weight = self.sideslip_weight, self.yaw_rate_weight
-        effort_weight, smoothness_weight = self.effort_weight, self.smoothness_weight
+        regulation = (self.lateral_weight, self.heading_weight, self.sideslip_weight, self.yaw_rate_weight)
+        plus = squares(xp, (*regulation, *(self.effort_weight,) * 2, *(self.smoothness_weight,) * 2))
 
         def bounded_reward(
             state: CarState,
@@ -110,15 +117,8 @@ class Bounded(Reward):
             front, rear = action
             front_change = xp.multiply_add(-episode.front_steer_command, per_front, front)
             rear_change = xp.multiply_add(-episode.rear_steer_command, per_rear, rear)
-            total = plus(1.0, lateral_weight, lateral)
-            total = plus(total, heading_weight, heading)
-            total = plus(total, sideslip_weight, sideslip)
-            total = plus(total, yaw_rate_weight, state.yaw_rate)
-            total = plus(total, effort_weight, front)
-            total = plus(total, effort_weight, rear)
-            total = plus(total, smoothness_weight, front_change)
-            total = plus(total, smoothness_weight, rear_change)
-            return 1.0 / total
+            errors = (lateral, heading, sideslip, state.yaw_rate)
+            return 1.0 / plus(1.0, (*errors, front, rear, front_change, rear_change))
 
         return bounded_reward
 
@@ -147,25 +147,25 @@ class Quadratic(Reward):
     def __post_init__(self) -> None:
         _check_weights(self, ("front_command_cost", "rear_command_cost"))
 
+    @property
+    def state_costs(self) -> tuple[float, ...]:
+        """Q's diagonal."""
+        moving = (self.lateral_velocity_cost, self.yaw_rate_cost, self.front_steer_cost, self.rear_steer_cost)
+        return (self.lateral_cost, self.heading_cost, *moving)
+
+    @property
+    def command_costs(self) -> tuple[float, float]:
+        """R's diagonal, front and rear."""
+        return self.front_command_cost, self.rear_command_cost
+
     def before(self, xp: Any) -> Law:
-        plus = xp.function(plus_square(xp))
-        lateral_cost, heading_cost = self.lateral_cost, self.heading_cost
-        lateral_velocity_cost, yaw_rate_cost = self.lateral_velocity_cost, self.yaw_rate_cost
-        front_steer_cost, rear_steer_cost = self.front_steer_cost, self.rear_steer_cost
-        front_command_cost, rear_command_cost = self.front_command_cost, self.rear_command_cost
+        plus = squares(xp, (*self.state_costs, *self.command_costs))
 
         def stage_reward(state: CarState, reference: Reference, action: Any, world: World) -> Any:
             lateral = state.lateral_position - reference.lateral_position
             heading = state.heading - reference.heading
-            front, rear = action
-            total = plus(0.0, lateral_cost, lateral)
-            total = plus(total, heading_cost, heading)
-            total = plus(total, lateral_velocity_cost, state.lateral_velocity)
-            total = plus(total, yaw_rate_cost, state.yaw_rate)
-            total = plus(total, front_steer_cost, state.front_steer)
-            total = plus(total, rear_steer_cost, state.rear_steer)
-            total = plus(total, front_command_cost, front)
-            return -plus(total, rear_command_cost, rear)
+            moving = (state.lateral_velocity, state.yaw_rate, state.front_steer, state.rear_steer)
+            return -plus(0.0, (lateral, heading, *moving, action[0], action[1]))
 
         return stage_reward
 
@@ -196,22 +196,14 @@ class Quadratic(Reward):
 
         The lateral error is at most the width of the corridor plus half a body: the reference, too, lies within it.
         """
-        plus = xp.function(plus_square(xp))
-        lateral_cost, heading_cost = self.lateral_cost, self.heading_cost
-        lateral_velocity_cost, yaw_rate_cost = self.lateral_velocity_cost, self.yaw_rate_cost
-        front_steer_cost, rear_steer_cost = self.front_steer_cost, self.rear_steer_cost
-        front_command_cost, rear_command_cost = self.front_command_cost, self.rear_command_cost
+        plus, commands = squares(xp, self.state_costs), sum(self.command_costs)  # actions of 1
         limits, half_width = task.limits, float(task.road_half_width)
         sideslip, yaw_rate, heading = limits.sideslip, limits.yaw_rate, limits.heading
 
         def worst_stage_cost(car: CarParameters) -> Any:
             reach = xp.multiply_add(0.5, car.body_width, 2.0 * half_width)
-            total = plus(front_command_cost + rear_command_cost, lateral_cost, reach)  # actions of 1
-            total = plus(total, heading_cost, 2.0 * heading)
-            total = plus(total, lateral_velocity_cost, sideslip * car.speed)
-            total = plus(total, yaw_rate_cost, yaw_rate)
-            total = plus(total, front_steer_cost, car.front_angle_limit)
-            return plus(total, rear_steer_cost, car.rear_angle_limit)
+            moving = (sideslip * car.speed, yaw_rate, car.front_angle_limit, car.rear_angle_limit)
+            return plus(commands, (reach, 2.0 * heading, *moving))
 
         return worst_stage_cost
 
