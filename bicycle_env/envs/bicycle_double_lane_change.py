@@ -94,40 +94,14 @@ class BicycleDoubleLaneChangeEnv(SingleTrackEnv):
     ## Info
 
     `end` (a string), `cost` (1.0 while a corner of the body is outside of the corridor, else 0.0) and `is_success`
-    (running, and past lane 5). With `telemetry=True` also: front_slip_angle, rear_slip_angle [rad],
-    front_lateral_force, rear_lateral_force [N], lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2],
-    sideslip [rad], front_saturation, rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error
-    [m], heading_error [rad], clearance (from the edge of the corridor to the nearest corner of the body) [m].
+    (running, and past lane 5).
+    {telemetry}
 
     ## Arguments
 
     | Keyword | Default | Meaning |
     |---------|---------|---------|
-    | vehicle | `"understeer"` | a name in `bicycle_env.vehicles`, a file (.toml, .json), a `Vehicle` or a dict |
-    | tire | `"fiala"` | `"linear"`, `"tanh"`, `"fiala"`, `"magic_formula"`, a tire object or a dict |
-    | speed | `None` | m/s; not with speed_ratio; if neither is given 22.2 on the first course, 15 on the second |
-    | speed_ratio | `None` | speed as a multiple of the vehicle's critical speed, where it has one |
-    | steer | `"both"` | `"front"`, `"rear"` or `"both"` |
-    | friction | `1.0` | road friction coefficient |
-    | geometry | `None` | `"small_angle"` or `"exact"`; by default small_angle for the linear tire, else exact |
-    | relaxation_length | `None` | m that a tire rolls until its force follows (0.3 to 0.6 in a car); `None`: at once |
-    | front_actuator | `Actuator(6 deg, 40 deg/s, 0.05 s)` | `Actuator(angle_limit, rate_limit, time_constant)`, dict |
-    | rear_actuator | `Actuator(3 deg, 9 deg/s, 0.05 s)` | the same for the rear axle |
-    | control_timestep | `0.02` | s between actions, unless action_repeat holds them longer |
-    | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
-    | reward | `"default"` | `"default"`, `"quadratic"`, a `rewards.Reward` or its dict |
-    | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 400, by default |
-    | randomise | `None` | drawn for each episode: `{"friction": (0.3, 1.0)}`, or of `bicycle_env.distributions` |
-    | disturbances | `()` | of `bicycle_env.disturbances`: `Gust`, `IcePatch`, `FrictionStep`, `StiffnessLoss` |
-    | driver | `None` | at the front wheels: one of `bicycle_env.drivers`, or a name: `"step"`, `"preview"`, ... |
-    | action_delay | `0` | control steps until an action acts |
-    | observation_delay | `0` | how many control steps ago the observations are of |
-    | action_repeat | `1` | control steps that an action is held; the reward is their sum, the time limit counts them |
-    | sensors | `None` | what is observed: `bicycle_env.Sensors(signals="car", noise={"yaw_rate": 0.01})` |
-    | history | `1` | how many of the latest observations stand side by side, the newest first |
-    | level | `None` | `"easy"`, `"medium"` or `"hard"`: numbers below the other keywords; see docs/levels.md |
-    | telemetry | `False` | more in `info` |
-    | render_mode | `None` | `"human"` or `"rgb_array"` |
+    {keywords}
     | course | `"iso3888-1"` | `"iso3888-1"` or `"iso3888-2"` |
     | direction | `"random"` | where the second lane lies: `"left"`, `"right"` or `"random"` |
     | preview_length | `1.2` | s that the preview reaches ahead; 0 for none |
@@ -142,11 +116,11 @@ class BicycleDoubleLaneChangeEnv(SingleTrackEnv):
     """
 
     default_task = DoubleLaneChange()
+    meanings = {  # noqa: RUF012 (a constant)
+        "speed": "m/s; not with speed_ratio; if neither is given 22.2 on the first course, 15 on the second",
+        "speed_ratio": "speed as a multiple of the vehicle's critical speed, where it has one",
+    }
 
 
 class BicycleDoubleLaneChangeVectorEnv(SingleTrackVectorEnv):
-    __doc__ = f"""Many cars at once: see BicycleDoubleLaneChangeEnv for the task.
-
-    {SingleTrackVectorEnv.__doc__}"""
-
     single_class = BicycleDoubleLaneChangeEnv

@@ -81,40 +81,14 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
     ## Info
 
     `end` (a string), `cost` (1.0 while a corner of the body is outside of the two lanes, else 0.0) and `is_success`
-    (running, and settled for the last second). With `telemetry=True` also: front_slip_angle, rear_slip_angle [rad],
-    front_lateral_force, rear_lateral_force [N], lateral_acceleration (V' + U r) [m/s^2], yaw_acceleration [rad/s^2],
-    sideslip [rad], front_saturation, rear_saturation (|force| / (friction x axle load)), lateral_error, goal_error
-    [m], heading_error [rad], clearance (from the edge of the corridor to the nearest corner of the body) [m].
+    (running, and settled for the last second).
+    {telemetry}
 
     ## Arguments
 
     | Keyword | Default | Meaning |
     |---------|---------|---------|
-    | vehicle | `"oversteer"` | a name in `bicycle_env.vehicles`, a file (.toml, .json), a `Vehicle` or a dict |
-    | tire | `"fiala"` | `"linear"`, `"tanh"`, `"fiala"`, `"magic_formula"`, a tire object or a dict |
-    | speed | `None` | m/s; not with speed_ratio; 30 if neither is given and the vehicle has no critical speed |
-    | speed_ratio | `None` | speed as a multiple of the vehicle's critical speed; 1.2 if neither is given |
-    | steer | `"both"` | `"front"`, `"rear"` or `"both"` |
-    | friction | `1.0` | road friction coefficient |
-    | geometry | `None` | `"small_angle"` or `"exact"`; by default small_angle for the linear tire, else exact |
-    | relaxation_length | `None` | m that a tire rolls until its force follows (0.3 to 0.6 in a car); `None`: at once |
-    | front_actuator | `Actuator(6 deg, 40 deg/s, 0.05 s)` | `Actuator(angle_limit, rate_limit, time_constant)`, dict |
-    | rear_actuator | `Actuator(3 deg, 9 deg/s, 0.05 s)` | the same for the rear axle |
-    | control_timestep | `0.02` | s between actions, unless action_repeat holds them longer |
-    | physics_timestep | `0.004` | s of an RK4 step; divides control_timestep |
-    | reward | `"default"` | `"default"`, `"quadratic"`, a `rewards.Reward` or its dict |
-    | horizon | `None` | steps a failure of the quadratic reward pays for: the time limit, or 300, by default |
-    | randomise | `None` | drawn for each episode: `{"friction": (0.3, 1.0)}`, or of `bicycle_env.distributions` |
-    | disturbances | `()` | of `bicycle_env.disturbances`: `Gust`, `IcePatch`, `FrictionStep`, `StiffnessLoss` |
-    | driver | `None` | at the front wheels: one of `bicycle_env.drivers`, or a name: `"step"`, `"preview"`, ... |
-    | action_delay | `0` | control steps until an action acts |
-    | observation_delay | `0` | how many control steps ago the observations are of |
-    | action_repeat | `1` | control steps that an action is held; the reward is their sum, the time limit counts them |
-    | sensors | `None` | what is observed: `bicycle_env.Sensors(signals="car", noise={"yaw_rate": 0.01})` |
-    | history | `1` | how many of the latest observations stand side by side, the newest first |
-    | level | `None` | `"easy"`, `"medium"` or `"hard"`: numbers below the other keywords; see docs/levels.md |
-    | telemetry | `False` | more in `info` |
-    | render_mode | `None` | `"human"` or `"rgb_array"` |
+    {keywords}
     | direction | `"random"` | `"left"`, `"right"` or `"random"` |
     | change_start | `None` | s after the start at which the change begins; by default uniform in 0.5 to 1.5 |
     | duration | `None` | s that the change takes; 1.5 by default; not together with length |
@@ -135,8 +109,4 @@ class BicycleLaneChangeEnv(SingleTrackEnv):
 
 
 class BicycleLaneChangeVectorEnv(SingleTrackVectorEnv):
-    __doc__ = f"""Many cars at once: see BicycleLaneChangeEnv for the task.
-
-    {SingleTrackVectorEnv.__doc__}"""
-
     single_class = BicycleLaneChangeEnv

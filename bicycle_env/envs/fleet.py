@@ -202,14 +202,14 @@ class ConfiguredFleet(Configured):
         )
         return limit
 
-    def _adopt_fleet(self, fleet: Fleet, horizon: int | None) -> None:
-        """`horizon`: as it was given."""
+    def _adopt_fleet(self, fleet: Fleet) -> None:
         self._adopt(fleet.configuration)
         own = {name: frozen(getattr(fleet, name)) for name in OWN}
         car, settings = CarParameters(*map(frozen, fleet.car)), type(fleet.settings)(*map(frozen, fleet.settings))
         end_names = self.configuration.end_names
         tell(self, fleet=fleet._replace(car=car, settings=settings, **own), end_names=end_names, **own)
-        remark(self.max_episode_steps, horizon, self.configuration.steps_to_settle, self.reward.uses_horizon)
+        horizon, settling = fleet.origin.setup.horizon, self.configuration.steps_to_settle
+        remark(self.max_episode_steps, horizon, settling, self.reward.uses_horizon)
         bound, self._action_shape = self.configuration.observation_bound, (self.num_envs, self.configuration.axles)
         self.single_observation_space: spaces.Space[Any] = spaces.Box(-bound, bound, dtype=np.float32)
         self.single_action_space: spaces.Space[Any] = spaces.Box(-1.0, 1.0, self._action_shape[1:], np.float32)

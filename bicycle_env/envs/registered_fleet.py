@@ -1,4 +1,4 @@
-"""The cars of a registered id, or of a single environment's class, from its keywords."""
+"""The cars of a registered id, from its keywords."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from bicycle_env.envs.fleet import Fleet, configure_fleet
 from bicycle_env.envs.origin import origin_of
 from bicycle_env.envs.setup import ONE_CAR
 from bicycle_env.envs.single.single_track_env import SingleTrackEnv, keyword_names
-from bicycle_env.physics.validation import known_keys
 
 
 def registered_spec(env_id: object) -> Any:
@@ -31,11 +30,14 @@ def registered_fleet(
 ) -> Fleet:
     """The cars of a registered id: the single environment's defaults, the registered keywords, then those given.
 
+    `time_limit`: steps of an episode, None where there is none.
+
     Raises:
         ValueError: the id is not of a single-track environment.
         TypeError: a keyword that the single environment does not have, or that is for one car only.
     """
-    return fleet_of(_class_of(spec), num_envs, {**spec.kwargs, **keywords}, time_limit, varied)
+    task = _class_of(spec).default_task
+    return configure_fleet(origin_of(task, {**spec.kwargs, **keywords}, time_limit), num_envs, varied)
 
 
 def keywords_of_id(spec: Any) -> list[str]:
@@ -48,19 +50,3 @@ def _class_of(spec: Any) -> type[SingleTrackEnv]:
     if not (isinstance(env_class, type) and issubclass(env_class, SingleTrackEnv)):
         raise ValueError(f"env_id must be of a single-track environment, got {spec.id!r}")
     return env_class
-
-
-def fleet_of(
-    env_class: type[SingleTrackEnv],
-    num_envs: int,
-    keywords: Mapping[str, Any],
-    time_limit: int | None = None,
-    varied: bool = False,
-) -> Fleet:
-    """The cars of a single environment's class: its defaults, then the keywords given. Raises as the one above.
-
-    `time_limit`: steps of an episode, None where there is none.
-    """
-    allowed = [name for name in keyword_names(env_class) if name not in ONE_CAR]
-    known_keys("keyword", keywords, allowed, TypeError)
-    return configure_fleet(origin_of(env_class.default_task, keywords, time_limit), num_envs, varied)

@@ -127,7 +127,7 @@ def test_what_belongs_to_one_car_is_refused_where_they_differ():
     class Cars(ConfiguredFleet):
         def __init__(self, fleet):
             self._adopt_options(4, None, "NextStep", "float64", False, "raise", False)
-            self._adopt_fleet(fleet, None)
+            self._adopt_fleet(fleet)
 
     alike, different = Cars(fleet_of()), Cars(fleet_of(friction=[1.0, 0.9, 0.8, 0.7]))
     assert alike.stability.speed_ratio == pytest.approx(1.2)

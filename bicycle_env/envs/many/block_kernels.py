@@ -48,7 +48,7 @@ class Kernels(NamedTuple):
     truncated and success, and end (n,): codes. Rows whose episode has ended are waiting.
     """
 
-    step: Callable[..., int]
+    step: Callable[..., Any]
     """``step(numbers, actions, generators, observation, values, flags, end, restarts, first, last) -> ended rows``.
 
     Of the blocks from `first` to before `last`. Rows that are waiting start anew if `restarts`, else they stay as they
@@ -271,9 +271,8 @@ def _step(kind: Kind, reward: Reward) -> Any:
 @functools.cache
 def beginning(kind: Kind) -> tuple[Any, Any]:
     """``start`` and ``look``, the same for every tire, geometry and reward."""
-    length, entries, access, car = kind.length, kind.entries, blocks.access(kind), car_functions(kind)
-    block_size, uniforms = layout(kind).width * length, kind.task.uniforms
-    times, shared_size = shared_layout(kind).times, shared_layout(kind).whole
+    length, access, car, uniforms = kind.length, blocks.access(kind), car_functions(kind), kind.task.uniforms
+    block_size, shared_size = layout(kind).width * length, shared_layout(kind).whole
 
     def start(numbers: Any, mask: Any, generators: Any) -> None:
         shared_numbers, rows = numbers[:shared_size], numbers[shared_size:]
@@ -290,14 +289,7 @@ def beginning(kind: Kind) -> tuple[Any, Any]:
         for row in range(len(mask)):
             if mask[row]:
                 block, k = rows[row // length * block_size : (row // length + 1) * block_size], row % length
-                seen_values = car.observe(block, k, shared)
-                for j in range(entries):
-                    if j < len(seen_values):
-                        value = seen_values[j]
-                    else:
-                        value = car.preview(block, k, shared, shared_numbers[times + j - len(seen_values)])
-                    per_scale, bound = access.scaling(shared_numbers, j)
-                    observation[row, j] = access.entry(value, block, k, per_scale, bound, j)
+                car.show(block, k, shared, shared_numbers, observation[row])
                 values[1, row] = car.cost(block, k, shared)
 
     flat, mask_type, table = number_type(kind)[::1], numba.boolean[::1], numba.float32[:, ::1]
@@ -350,7 +342,7 @@ def label(kind: Kind) -> str:
     return f"{_named(kind.task)}{many} with {kind.model}{blocks_of}{own}"
 
 
-def kernels(kind: Kind, reward: Reward) -> Kernels:
+def kernels(kind: Kind, reward: Reward, step_of: Callable[[Kind, Reward], Any] = _step) -> Kernels:
     """Compile the functions of a combination, or load them from the cache on disk."""
 
     def measure(numbers: Any, out: Any) -> None:
@@ -358,4 +350,4 @@ def kernels(kind: Kind, reward: Reward) -> Kernels:
 
     with announcements.progress(label(kind)):
         start, look = beginning(kind)
-        return Kernels(_step(kind, reward), start, look, measure)
+        return Kernels(step_of(kind, reward), start, look, measure)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from bicycle_env.backends.compiled_random import next_double
 from bicycle_env.envs.many import blocks
-from bicycle_env.envs.many.blocks import Kind, layout
+from bicycle_env.envs.many.blocks import Kind, layout, shared_layout
 
 
 class CarFunctions(NamedTuple):
@@ -23,6 +23,8 @@ class CarFunctions(NamedTuple):
     """``observe(block, k, shared) -> tuple``: the values of the observation that are not a preview."""
     preview: Any
     """``preview(block, k, shared, time)``: the value for a time ahead."""
+    show: Any
+    """``show(block, k, shared, numbers, observation)``: writes the observation; `numbers`: what all rows share."""
 
 
 @functools.cache
@@ -58,4 +60,17 @@ def car_functions(kind: Kind) -> CarFunctions:
     def preview(block: Any, k: Any, shared: Any, time: Any) -> Any:
         return preview_law(access.state(block, k), access.task_state(block, k), access.world(block, k, shared), time)
 
-    return CarFunctions(*(xp.function(law) for law in (begin, cost, is_over, observe, preview)))
+    def show(block: Any, k: Any, shared: Any, numbers: Any, observation: Any) -> None:
+        values = seen(block, k, shared)
+        fixed = len(values)
+        for j in range(fixed):
+            per_scale, bound = access.scaling(numbers, j)
+            observation[j] = access.entry(values[j], block, k, per_scale, bound, j)
+        for j in range(fixed, entries):
+            per_scale, bound = access.scaling(numbers, j)
+            value = ahead(block, k, shared, numbers[times + j - fixed])
+            observation[j] = access.entry(value, block, k, per_scale, bound, j)
+
+    seen, ahead = xp.function(observe), xp.function(preview)
+    entries, times = kind.entries, shared_layout(kind).times
+    return CarFunctions(*map(xp.function, (begin, cost, is_over, seen, ahead, show)))

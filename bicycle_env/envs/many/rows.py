@@ -92,9 +92,12 @@ class Rows:
             self._put(column, np.broadcast_to(each, self._num_envs), mask)
 
     def _put(self, column: int, values: Any, mask: NDArray[np.bool_]) -> None:
-        rows = np.flatnonzero(mask)
-        length = self._shape[2]
-        self._columns[rows // length, column, rows % length] = values[rows]
+        block, row = self._places(mask)
+        self._columns[block, column, row] = values[mask]
+
+    def _places(self, mask: NDArray[np.bool_]) -> Any:
+        """Of the rows in a mask: the blocks, and where in them."""
+        return np.divmod(np.flatnonzero(mask), self._shape[2])
 
     def column(self, name: str) -> Column:
         """(num_envs,): a copy of a number of the state or of the episode."""
@@ -110,15 +113,13 @@ class Rows:
 
     def copy_of(self, mask: NDArray[np.bool_]) -> NDArray[Any]:
         """(rows, columns): all numbers of the rows in a mask."""
-        rows = np.flatnonzero(mask)
-        length = self._shape[2]
-        return self._columns[rows // length, :, rows % length]
+        block, row = self._places(mask)
+        return self._columns[block, :, row]
 
     def put_back(self, copy: NDArray[Any], mask: NDArray[np.bool_]) -> None:
         """Restore what :meth:`copy_of` gave."""
-        rows = np.flatnonzero(mask)
-        length = self._shape[2]
-        self._columns[rows // length, :, rows % length] = copy
+        block, row = self._places(mask)
+        self._columns[block, :, row] = copy
 
     def mixed(self, rows: NDArray[Any], others: NDArray[Any], names: Sequence[str]) -> NDArray[Any]:
         """Copies of ``episodes``: `rows`, with numbers of the task's state, by name, as in `others`."""
@@ -127,10 +128,9 @@ class Rows:
         found[:, columns] = others[:, columns]
         return found
 
-    def state(self, record: Any, control_timestep: float) -> Any:
-        """The state as a record of arrays (num_envs,)."""
-        values = {name: self.column(name) for name in record._fields if name != "time"}
-        return record(**values, time=self.column("steps") * control_timestep)
+    def record(self, record: Any, **more: Column) -> Any:
+        """A record of arrays (num_envs,): `more`, and numbers of the state and of the episode."""
+        return record(**more, **{name: self.column(name) for name in record._fields if name not in more})
 
 
 def checked_mask(mask: Any, num_envs: int) -> NDArray[np.bool_]:
@@ -184,14 +184,11 @@ def _checked_states(given: Any, fleet: Fleet, num_envs: int, dtype: str) -> dict
     front, rear = (max(one.angle_limit, float(np.dtype(dtype).type(one.angle_limit))) for one in actuators)
     if not isinstance(given, Mapping):
         return checked_state(given, front, rear, own=own)
-    columns: dict[str, Column] = {}
-    for name, value in given.items():
-        if is_sequence(value):
-            columns[name] = number_column(f"options['state'][{name!r}]", value, num_envs)
-    checked_state({**given, **{name: np.min(column) for name, column in columns.items()}}, front, rear, own=own)
-    values = checked_state(
-        {**given, **{name: np.max(column) for name, column in columns.items()}}, front, rear, own=own
-    )
+    sequences = [name for name, value in given.items() if is_sequence(value)]
+    columns = {name: number_column(f"options['state'][{name!r}]", given[name], num_envs) for name in sequences}
+    for end in (np.min, np.max):
+        ends = {name: end(column) for name, column in columns.items()}
+        values = checked_state({**given, **ends}, front, rear, own=own)
     return {**values, **columns}
 
 

@@ -13,13 +13,13 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from bicycle_env.envs.fleet import ConfiguredFleet
+from bicycle_env.envs.fleet import ConfiguredFleet, configure_fleet
 from bicycle_env.envs.many import block_kernels, blocks
+from bicycle_env.envs.many.blocks import KEPT
 from bicycle_env.envs.many.generators import Generators, checked_seeds
 from bicycle_env.envs.many.rows import Rows, VectorSnapshot, checked_cars, checked_mask, checked_start
 from bicycle_env.envs.many.threads import Threads
-from bicycle_env.envs.registered_fleet import fleet_of
-from bicycle_env.envs.setup import ONE_CAR
+from bicycle_env.envs.origin import origin_of
 from bicycle_env.envs.single.single_track_env import FLOAT32, SingleTrackEnv, converted_action, keyword_names
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.told import Told, read_only, tell
@@ -67,6 +67,12 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     single_class: ClassVar[type[SingleTrackEnv]]
     threads = Told[int]()
 
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        if cls.__doc__ is None and SingleTrackVectorEnv.__doc__ is not None:
+            one = cls.single_class.__name__
+            cls.__doc__ = f"Many cars at once: see {one} for the task.\n\n    {SingleTrackVectorEnv.__doc__}"
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -83,15 +89,14 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         **keywords: Any,
     ) -> None:
         own = [name for name in inspect.signature(SingleTrackVectorEnv).parameters if name != "keywords"]
-        shared = [name for name in keyword_names(self.single_class) if name not in ONE_CAR]
-        known_keys("keyword", keywords, [*own, *shared], TypeError)
+        known_keys("keyword", keywords, dict.fromkeys([*own, *keyword_names(self.single_class)]), TypeError)
         steps = self.single_class.default_task.episode_steps if max_episode_steps is None else max_episode_steps
         limit = self._adopt_options(num_envs, steps, autoreset_mode, dtype, staggered_start, on_invalid, telemetry)
         tell(self, threads=whole("threads", threads, 1, MOST_THREADS))
         if render_mode is not None:
             raise ValueError(f"render_mode must be None for many cars (draw one by gym.make), got {render_mode!r}")
-        fleet = fleet_of(self.single_class, self.num_envs, keywords, limit, flag("varied", varied))
-        self._adopt_fleet(fleet, keywords.get("horizon"))
+        origin = origin_of(self.single_class.default_task, keywords, limit)
+        self._adopt_fleet(configure_fleet(origin, self.num_envs, flag("varied", varied)))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         entries = len(self.observation_names)
@@ -212,7 +217,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     @property
     def state(self) -> Any:
         """The present states: the single environment's named tuple, of arrays (num_envs,); copies."""
-        return self._rows.state(self.configuration.State, self.control_timestep)
+        time = self._rows.column("steps") * self.control_timestep
+        return self._rows.record(self.configuration.State, time=time)
 
     @state.setter
     def state(self, _value: Any) -> None:
@@ -277,15 +283,11 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         """What the task keeps of a start, in the rows of a mask, after their starts were changed by options."""
         law = self.task.refilled(NUMPY)
         if law is not None:
-            state, task = self.state, self.task
-            own = task.TaskState(*(getattr(state, name) for name in task.TaskState._fields))
-            zero = np.zeros(self.num_envs)
-            episode = EpisodeState(state.front_steer_command, state.rear_steer_command, zero, zero, own)
+            state, zero = self._rows.record(self.model.State), np.zeros(self.num_envs)
+            front, rear = (self._rows.column(name) for name in KEPT[:2])
+            episode = EpisodeState(front, rear, zero, zero, self._rows.record(self.task.TaskState))
             car, settings = self._rows.cars(self.fleet)
-            world = World(car, self.rules, settings)
-            place = self.model.State(*(getattr(state, name) for name in self.model.State._fields))
-            filled = law(place, episode, world)
-            self._rows.put(filled._asdict(), mask)
+            self._rows.put(law(state, episode, World(car, self.rules, settings))._asdict(), mask)
 
     def _fits(self, snapshot: VectorSnapshot) -> bool:
         mine, theirs = self._rows.episodes, snapshot.rows

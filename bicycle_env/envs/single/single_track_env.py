@@ -14,15 +14,17 @@ from gymnasium import logger, spaces
 from numpy.typing import NDArray
 
 from bicycle_env.backends.compiled_random import addresses
+from bicycle_env.envs.arguments import written_page
 from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure
 from bicycle_env.envs.fleet import CAR_OPTIONS, configure_alike, with_options
+from bicycle_env.envs.many import block_kernels
 from bicycle_env.envs.many.block_kernels import BAD_ACTION
 from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_layout
 from bicycle_env.envs.many.rows import Rows
 from bicycle_env.envs.origin import names_of, origin_of
 from bicycle_env.envs.setup import shown
-from bicycle_env.envs.single import kernels
+from bicycle_env.envs.single.kernels import step_of_one
 from bicycle_env.envs.telemetry import MEASURED, telemetry
 from bicycle_env.envs.time_limit import limit_around, remark, resolve_horizon
 from bicycle_env.envs.told import read_only, tell
@@ -59,12 +61,16 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     }
     default_task: ClassVar[Task]
     """The task without keywords of its own; these change its fields."""
+    meanings: ClassVar[Mapping[str, str]] = {}
+    """Of keywords, for the page, where they are not as ``envs/arguments.py`` says."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
-        cls.__signature__ = shown(  # type: ignore[attr-defined]
-            inspect.signature(SingleTrackEnv), getattr(cls, "default_task", Task).defaults
-        )
+        task = getattr(cls, "default_task", None)
+        defaults = {} if task is None else task.defaults
+        cls.__signature__ = shown(inspect.signature(SingleTrackEnv), defaults)  # type: ignore[attr-defined]
+        if cls.__doc__ is not None and task is not None:
+            cls.__doc__ = written_page(cls.__doc__, task, cls.meanings)
 
     def __init__(self, *, telemetry: bool = False, render_mode: str | None = None, **task_keywords: Any) -> None:
         self._fleet = configure_alike(origin_of(self.default_task, task_keywords))
@@ -93,7 +99,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._bind()
 
     def _bind(self) -> None:
-        self._kernels = kernels.kernels(self._kind, self.reward)
+        self._kernels = block_kernels.kernels(self._kind, self.reward, step_of_one)
         once = self._kernels.step if self.action_repeat == 1 else self._step_repeated
         self._step = self._step_after_close if self.closed else once
         self._State = self.configuration.State

@@ -41,10 +41,10 @@ class TorchOptions:
                 column = self._column(f"{label}[{name!r}]", value)
                 if column is not None:
                     columns[name] = column
-            least = {**given, **{name: float(column.detach().min()) for name, column in columns.items()}}
-            checked_state(least, self._front_limit, self._rear_limit, label, self._own)
-            given = {**given, **{name: float(column.detach().max()) for name, column in columns.items()}}
-        values = checked_state(given, self._front_limit, self._rear_limit, label, self._own)
+        for end in ("min", "max"):
+            ends = {name: float(getattr(column.detach(), end)()) for name, column in columns.items()}
+            some = {**given, **ends} if columns else given
+            values = checked_state(some, self._front_limit, self._rear_limit, label, self._own)
         return {name: columns[name] if name in columns else self.filled(value) for name, value in values.items()}
 
     def numbers(self, name: str, value: Any, low: float, high: float = math.inf) -> Tensor:

@@ -102,7 +102,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self._np_random, self._np_random_seed = seeding.np_random(self._generator.seed())
         env_keywords = {name: as_numbers(torch, name, value) for name, value in env_keywords.items()}
         fleet = registered_fleet(self.spec, self.num_envs, env_keywords, limit, flag("varied", varied))
-        self._adopt_fleet(fleet, env_keywords.get("horizon"))
+        self._adopt_fleet(fleet)
         self._compiled = flag("compile", compile)
         self._episodes: Episodes | None = None
         self._changed = False  # whether a reset has given other cars
