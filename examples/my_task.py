@@ -18,10 +18,10 @@ import numpy as np
 import bicycle_env
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.records import replaced
-from bicycle_env.tasks.episode import Reference
+from bicycle_env.tasks.episode import Reference, state_record
 from bicycle_env.tasks.metrics import SHARED, Metric
 from bicycle_env.tasks.rewards import Bounded
-from bicycle_env.tasks.stabilise import Stabilise, StabiliseState
+from bicycle_env.tasks.stabilise import Stabilise
 
 
 class Gust(NamedTuple):
@@ -31,8 +31,8 @@ class Gust(NamedTuple):
     wind_force: Any  # N, to the left
 
 
-# What env.unwrapped.state shows: the parent's fields, then these.
-State = NamedTuple("State", [*StabiliseState.__annotations__.items(), ("wind_place", float), ("wind_force", float)])
+# What env.unwrapped.state shows: the car, both commands, the time, then these.
+State = state_record("State", Gust)
 
 
 @dataclasses.dataclass(frozen=True)

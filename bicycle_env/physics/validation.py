@@ -102,6 +102,20 @@ def choice(name: str, value: object, allowed: Iterable[str]) -> str:
     return value
 
 
+def pair(name: str, value: object, low: float, high: float) -> tuple[float, float]:
+    """Two numbers in [low, high], the second not less than the first."""
+    if not isinstance(value, (tuple, list)) or len(value) != 2:
+        raise TypeError(f"{name} must be a pair (low, high), got {value!r}")
+    least = number(f"{name}[0]", value[0], low, high)
+    return least, number(f"{name}[1]", value[1], least, high)
+
+
+def check_fields(value: object, check: Callable[..., object] = number, /, **allowed: tuple[Any, ...]) -> None:
+    """Of a frozen dataclass, in its ``__post_init__``: each field becomes ``check(name, value, *allowed)``."""
+    for name, more in allowed.items():
+        object.__setattr__(value, name, check(name, getattr(value, name), *more))
+
+
 def flag(name: str, value: object) -> bool:
     """True or False and nothing else."""
     if not isinstance(value, bool):

@@ -15,11 +15,12 @@ from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.model import Model
 from bicycle_env.physics.records import merged, record_of, replaced
-from bicycle_env.physics.validation import choice, number
+from bicycle_env.physics.validation import check_fields, choice
 from bicycle_env.tasks import fmvss126, rewards, twin
+from bicycle_env.tasks.draws import check_draws, drawn, draws_of, draws_record
 from bicycle_env.tasks.drivers import MOST_ANGLE, SineWithDwell
-from bicycle_env.tasks.ends import Limits, Tolerances
-from bicycle_env.tasks.episode import EpisodeState, Reference, World
+from bicycle_env.tasks.ends import LEFT, RUNNING, SPUN, Limits, Tolerances, spun
+from bicycle_env.tasks.episode import EpisodeState, Reference, World, state_record
 from bicycle_env.tasks.fmvss126 import (
     BEGIN,
     DISPLACEMENT_TIME,
@@ -29,7 +30,7 @@ from bicycle_env.tasks.fmvss126 import (
     judgement,
     since_finish,
 )
-from bicycle_env.tasks.lane_change import DIRECTIONS, SIDES
+from bicycle_env.tasks.lane_change import SIDES
 from bicycle_env.tasks.metrics import SHARED, Metric, Run
 from bicycle_env.tasks.steadiness import Steadiness, reference_yaw_rate
 from bicycle_env.tasks.task import Entry, History, Law, Task
@@ -87,13 +88,7 @@ CHANGED = Manoeuvre._fields[
     Manoeuvre._fields.index("driver_command") : Manoeuvre._fields.index("twin_lateral_position")
 ]
 """By a control step, the twin apart."""
-ActiveSteerState = record_of(
-    "ActiveSteerState", (*CarState._fields, "front_steer_command", "rear_steer_command", "time", *Manoeuvre._fields)
-)
-
-
-Draws = record_of("Draws", ("direction", *(f"{name}_{what}" for name in RANGES for what in ("least", "width"))))
-"""+1, -1 or 0 for random; least value and width of what is drawn."""
+ActiveSteerState = state_record("ActiveSteerState", Manoeuvre)
 Script = record_of("Script", ("amplitude", "frequency", "dwell", "start"))
 """What the law of ``SineWithDwell`` asks for."""
 
@@ -108,7 +103,7 @@ class ActiveSteer(Task):
     name = "active_steer"
     episode_steps = 300
     TaskState = Manoeuvre
-    Settings = Draws
+    Settings = draws_record(RANGES)
     State = ActiveSteerState
     uniforms = 1 + len(RANGES)
     ends = ("spun", "left_area")
@@ -118,13 +113,7 @@ class ActiveSteer(Task):
     settled_seconds = 1e-3  # what has failed is remembered: the last step tells
     rewards = {  # noqa: RUF012 (a constant)
         "default": Steadiness(),
-        "quadratic": rewards.Quadratic(
-            heading_cost=0.1,
-            lateral_velocity_cost=0.01,
-            yaw_rate_cost=10.0,
-            front_command_cost=0.1,
-            rear_command_cost=0.1,
-        ),
+        "quadratic": rewards.Quadratic(heading_cost=0.1, lateral_velocity_cost=0.01, yaw_rate_cost=10.0),
     }
     defaults = {"steer": "rear"}  # noqa: RUF012 (a constant)
     levels = {  # noqa: RUF012 (a constant)
@@ -154,14 +143,8 @@ class ActiveSteer(Task):
     observed: str = "measured"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "direction", choice("direction", self.direction, DIRECTIONS))
-        object.__setattr__(self, "observed", choice("observed", self.observed, OBSERVED))
-        for name, (least, most) in RANGES.items():
-            given = getattr(self, name)
-            if not isinstance(given, (tuple, list)) or len(given) != 2:
-                raise TypeError(f"{name} must be a pair (low, high), got {given!r}")
-            low = number(f"{name}[0]", given[0], least, most)
-            object.__setattr__(self, name, (low, number(f"{name}[1]", given[1], low, most)))
+        check_draws(self, RANGES)
+        check_fields(self, choice, observed=(OBSERVED,))
         judged = BEGIN + 1.0 / self.frequency[0] + self.dwell[1] + SECOND_TIME
         if judged > 6.0:
             raise ValueError(
@@ -187,23 +170,16 @@ class ActiveSteer(Task):
         )
 
     def settings(self, speed: float) -> Any:
-        ends = (getattr(self, name) for name in RANGES)
-        return Draws(DIRECTIONS[self.direction], *(value for low, high in ends for value in (low, high - low)))
+        return draws_of(self, RANGES)
 
     def start(self, xp: Any) -> Law:
-        placed = xp.function(_placed(xp))
+        placed, draw = xp.function(_placed(xp)), drawn(xp, RANGES, 0)
 
         def start(uniforms: Any, world: World) -> tuple[CarState, Manoeuvre]:
-            draws, zero = world.settings, 0.0 * uniforms[0]
-            side = xp.where(uniforms[0] < 0.5, -1.0 + zero, 1.0)
-            speed = xp.multiply_add(draws.relative_speed_width, uniforms[1], draws.relative_speed_least)
+            zero = 0.0 * uniforms[0]
+            side, speed, friction, amplitude, frequency, dwell = draw(uniforms, world.settings)
             own = Manoeuvre(
-                xp.where(draws.direction == 0.0, side, draws.direction + zero),
-                world.car.speed * speed,
-                xp.multiply_add(draws.relative_friction_width, uniforms[2], draws.relative_friction_least),
-                xp.multiply_add(draws.amplitude_width, uniforms[3], draws.amplitude_least),
-                xp.multiply_add(draws.frequency_width, uniforms[4], draws.frequency_least),
-                xp.multiply_add(draws.dwell_width, uniforms[5], draws.dwell_least),
+                *(side, world.car.speed * speed, friction, amplitude, frequency, dwell),
                 *(zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero),
             )
             state = CarState(zero, zero, zero, zero, zero, zero, zero)
@@ -322,16 +298,11 @@ class ActiveSteer(Task):
         return remember
 
     def end(self, xp: Any) -> Law:
-        limits, half_width = self.limits, self.road_half_width
-        sideslip, yaw_rate, heading = limits.sideslip, limits.yaw_rate, limits.heading
+        has_spun, half_width = xp.function(spun(xp, self.limits)), self.road_half_width
 
         def end(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
-            spun = (
-                (abs(state.lateral_velocity) > sideslip * episode.task_state.speed)
-                | (abs(state.yaw_rate) > yaw_rate)
-                | (abs(state.heading) > heading)
-            )
-            return xp.where(spun, 1, xp.where(abs(state.lateral_position) > half_width, 2, 0))
+            left = abs(state.lateral_position) > half_width
+            return xp.where(has_spun(state, episode.task_state.speed), SPUN, xp.where(left, LEFT, RUNNING))
 
         return end
 

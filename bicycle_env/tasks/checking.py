@@ -19,7 +19,7 @@ from bicycle_env.physics.presets import vehicles
 from bicycle_env.physics.trial import tried, words
 from bicycle_env.physics.validation import check_value, positive, whole
 from bicycle_env.tasks.control_step import GRIP
-from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
+from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World, state_record
 from bicycle_env.tasks.marks import checked
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
@@ -27,7 +27,6 @@ from bicycle_env.tasks.task import Task
 SPEED, CONTROL_TIMESTEP, SUBSTEPS = 30.0, 0.02, 5
 MOST_POINTS = 100
 """Of the body that are judged, along each side."""
-COMMANDS = ("front_steer_command", "rear_steer_command")
 DIVISORS = ("speed", "mass", "yaw_inertia", "front_time_constant", "rear_time_constant")
 """Of the car of a moment."""
 PLACES = (
@@ -52,7 +51,7 @@ def check_reward(task: Task, reward: Reward) -> None:
 @functools.cache
 def _check_task(task: Task) -> None:
     name = type(task).__name__
-    fields = (*CarState._fields, *COMMANDS, "time", *task.TaskState._fields)
+    fields = state_record(name, task.TaskState)._fields
     if task.State._fields != fields:
         raise ValueError(f"task {name}: State must have the fields {', '.join(fields)}, got {task.State._fields}")
     for what in ("flipped", "hidden"):

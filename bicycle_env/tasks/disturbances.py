@@ -10,7 +10,15 @@ from typing import Any, ClassVar
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.records import composed, field, record_of, replaced
-from bicycle_env.physics.validation import check_frozen, choice, explain_keywords, from_fields, number
+from bicycle_env.physics.validation import (
+    check_fields,
+    check_frozen,
+    choice,
+    explain_keywords,
+    from_fields,
+    number,
+    pair,
+)
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.marks import Mark
@@ -53,18 +61,12 @@ class Disturbance(abc.ABC):
         return ()
 
 
-def _checked(name: str, amount: Any, low: float, high: float) -> Amount:
-    if isinstance(amount, (tuple, list)):
-        if len(amount) != 2:
-            raise ValueError(f"{name} must be a number or (low, high), got {amount!r}")
-        least = number(f"{name}[0]", amount[0], low, high)
-        return (least, number(f"{name}[1]", amount[1], least, high))
-    return number(name, amount, low, high)
-
-
-def _check(disturbance: Disturbance, **ranges: tuple[float, float]) -> None:
-    for name, (low, high) in ranges.items():
-        object.__setattr__(disturbance, name, _checked(name, getattr(disturbance, name), low, high))
+def _amount(name: str, amount: Any, low: float, high: float) -> Amount:
+    if not isinstance(amount, (tuple, list)):
+        return number(name, amount, low, high)
+    if len(amount) != 2:
+        raise ValueError(f"{name} must be a number or (low, high), got {amount!r}")
+    return pair(name, amount, low, high)
 
 
 @explain_keywords
@@ -87,7 +89,7 @@ class Gust(Disturbance):
     """To which side it pushes: "left", "right" or "random"."""
 
     def __post_init__(self) -> None:
-        _check(self, force=(0.0, 1e6), duration=(0.0, 1e6), start=(0.0, 1e6), arm=(-10.0, 10.0))
+        check_fields(self, _amount, force=(0.0, 1e6), duration=(0.0, 1e6), start=(0.0, 1e6), arm=(-10.0, 10.0))
         choice("side", self.side, SIDES)
 
     def amounts(self) -> dict[str, Amount]:
@@ -99,13 +101,10 @@ class Gust(Disturbance):
     def law(self, xp: Any) -> Law:
         pushed = replaced(xp, CarParameters, ("side_force", "yaw_moment"))
 
-        def gust(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> CarParameters:
+        def gust(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> Any:
             blows = (time >= own.start) & (time < own.start + fixed.duration)
             force = xp.where(blows, own.force, 0.0)
-            changed: CarParameters = pushed(
-                car, car.side_force + force, xp.multiply_add(force, fixed.arm, car.yaw_moment)
-            )
-            return changed
+            return pushed(car, car.side_force + force, xp.multiply_add(force, fixed.arm, car.yaw_moment))
 
         return gust
 
@@ -123,7 +122,7 @@ class FrictionStep(Disturbance):
     rear: Amount = 0.5
 
     def __post_init__(self) -> None:
-        _check(self, at=(0.0, 1e6), front=(0.01, 10.0), rear=(0.01, 10.0))
+        check_fields(self, _amount, at=(0.0, 1e6), front=(0.01, 10.0), rear=(0.01, 10.0))
 
     def amounts(self) -> dict[str, Amount]:
         return {"at": self.at, "front": self.front, "rear": self.rear}
@@ -131,11 +130,10 @@ class FrictionStep(Disturbance):
     def law(self, xp: Any) -> Law:
         slippery = replaced(xp, CarParameters, ("front_peak_force", "rear_peak_force"))
 
-        def friction_step(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> CarParameters:
+        def friction_step(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> Any:
             begun = time >= own.at
             front, rear = xp.where(begun, own.front, 1.0), xp.where(begun, own.rear, 1.0)
-            changed: CarParameters = slippery(car, front * car.front_peak_force, rear * car.rear_peak_force)
-            return changed
+            return slippery(car, front * car.front_peak_force, rear * car.rear_peak_force)
 
         return friction_step
 
@@ -155,7 +153,7 @@ class StiffnessLoss(Disturbance):
 
     def __post_init__(self) -> None:
         choice("axle", self.axle, AXLES)
-        _check(self, at=(0.0, 1e6), factor=(0.01, 1.0))
+        check_fields(self, _amount, at=(0.0, 1e6), factor=(0.01, 1.0))
 
     def amounts(self) -> dict[str, Amount]:
         return {"at": self.at, "factor": self.factor}
@@ -166,13 +164,10 @@ class StiffnessLoss(Disturbance):
     def law(self, xp: Any) -> Law:
         soft = replaced(xp, CarParameters, ("front_cornering_stiffness", "rear_cornering_stiffness"))
 
-        def stiffness_loss(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> CarParameters:
+        def stiffness_loss(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> Any:
             lost = xp.where(time >= own.at, own.factor - 1.0, 0.0)
             front, rear = 1.0 + fixed.front_part * lost, 1.0 + fixed.rear_part * lost
-            changed: CarParameters = soft(
-                car, front * car.front_cornering_stiffness, rear * car.rear_cornering_stiffness
-            )
-            return changed
+            return soft(car, front * car.front_cornering_stiffness, rear * car.rear_cornering_stiffness)
 
         return stiffness_loss
 
@@ -197,9 +192,9 @@ class IcePatch(Disturbance):
     """Where it lies: "left", "right" or "random"."""
 
     def __post_init__(self) -> None:
-        _check(self, begin=(0.0, 1e6), length=(0.0, 1e6), factor=(0.01, 10.0))
+        check_fields(self, _amount, begin=(0.0, 1e6), length=(0.0, 1e6), factor=(0.01, 10.0))
         if self.edge is not None:
-            _check(self, edge=(-1e3, 1e3))
+            check_fields(self, _amount, edge=(-1e3, 1e3))
         choice("side", self.side, SIDES)
 
     def amounts(self) -> dict[str, Amount]:
@@ -212,10 +207,9 @@ class IcePatch(Disturbance):
         slippery = replaced(xp, CarParameters, ("front_peak_force", "rear_peak_force"))
         part = xp.function(_part_on_ice(xp))
 
-        def ice_patch(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> CarParameters:
+        def ice_patch(car: CarParameters, own: Any, fixed: Any, time: Any, state: CarState) -> Any:
             front, rear = part(own, fixed, state, car.cg_to_front), part(own, fixed, state, -car.cg_to_rear)
-            changed: CarParameters = slippery(car, front * car.front_peak_force, rear * car.rear_peak_force)
-            return changed
+            return slippery(car, front * car.front_peak_force, rear * car.rear_peak_force)
 
         return ice_patch
 
@@ -328,11 +322,9 @@ def _named(xp: Any, label: str, names: tuple[str, ...]) -> Any:
 
 
 def _after(before: Law, law: Law, own: Law, fixed: Law) -> Law:
-    def conditions(state: CarState, episode: EpisodeState, time: Any, world: World) -> CarParameters:
-        car: CarParameters = law(
-            before(state, episode, time, world), own(episode.task_state), fixed(world.settings), time, state
-        )
-        return car
+    def conditions(state: CarState, episode: EpisodeState, time: Any, world: World) -> Any:
+        car = before(state, episode, time, world)
+        return law(car, own(episode.task_state), fixed(world.settings), time, state)
 
     return conditions
 

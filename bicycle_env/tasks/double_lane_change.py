@@ -10,14 +10,15 @@ import numpy as np
 
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import PYTHON
-from bicycle_env.physics.validation import choice
-from bicycle_env.tasks.ends import LEFT, RUNNING, SPUN, Tolerances, clearance, end_code
-from bicycle_env.tasks.episode import EpisodeState, Reference, World
+from bicycle_env.physics.validation import check_fields, choice
+from bicycle_env.tasks.ends import Tolerances, end_outside
+from bicycle_env.tasks.episode import EpisodeState, Reference, World, state_record
 from bicycle_env.tasks.lane_change import (
     DIRECTIONS,
     SIDES,
     LaneChange,
-    checked_preview,
+    check_preview,
+    chosen_side,
     observed_on_path,
     path_ahead,
     path_entries,
@@ -25,7 +26,7 @@ from bicycle_env.tasks.lane_change import (
     times_ahead,
 )
 from bicycle_env.tasks.marks import Mark
-from bicycle_env.tasks.metrics import SHARED, Metric
+from bicycle_env.tasks.metrics import SHARED, Metric, largest, least
 from bicycle_env.tasks.task import Entry, Law, Task
 
 APPROACH = 1.0
@@ -76,27 +77,14 @@ COURSES = {
 }
 
 
-class DoubleLaneChangeState(NamedTuple):
-    """``env.unwrapped.state`` of BicycleDoubleLaneChange-v0; SI units."""
-
-    longitudinal_position: float
-    lateral_position: float
-    heading: float
-    lateral_velocity: float
-    yaw_rate: float
-    front_steer: float
-    rear_steer: float
-    front_steer_command: float
-    rear_steer_command: float
-    time: float
-    direction: float
-
-
 class Side(NamedTuple):
     """Where the second lane lies in this episode."""
 
     direction: Any
     """+1 to the left, -1 to the right."""
+
+
+DoubleLaneChangeState = state_record("DoubleLaneChangeState", Side)
 
 
 class Cones(NamedTuple):
@@ -162,13 +150,8 @@ class DoubleLaneChange(Task):
     """s."""
 
     def __post_init__(self) -> None:
-        checked: dict[str, Any] = {
-            "course": choice("course", self.course, COURSES),
-            "direction": choice("direction", self.direction, DIRECTIONS),
-            **checked_preview(self.preview_length, self.preview_spacing),
-        }
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        check_fields(self, choice, course=(COURSES,), direction=(DIRECTIONS,))
+        check_preview(self)
 
     @property
     def usual_speed(self) -> float:
@@ -186,11 +169,9 @@ class DoubleLaneChange(Task):
                 "least_clearance",
                 "m",
                 "from the nearest cone, or the edge between the sections, to the nearest corner; < 0: beyond it",
-                lambda run: float(np.min(run.steps["clearance"])),
+                least("clearance"),
             ),
-            Metric(
-                "peak_yaw_rate", "rad/s", "largest |yaw rate|", lambda run: float(np.max(abs(run.steps["yaw_rate"])))
-            ),
+            Metric("peak_yaw_rate", "rad/s", "largest |yaw rate|", largest("yaw_rate")),
         )
 
     def settings(self, speed: float) -> Cones:
@@ -213,13 +194,14 @@ class DoubleLaneChange(Task):
         return float((self.settings(car.speed).end_5 + car.rear_extent) / car.speed)
 
     def start(self, xp: Any) -> Law:
+        chosen = xp.function(chosen_side(xp))
+
         def start(uniforms: Any, world: World) -> tuple[CarState, Side]:
             cones = world.settings
             zero = 0.0 * uniforms[0]
             lateral_position = cones.lateral_start * (2.0 * uniforms[0] - 1.0)
             heading = cones.heading_start * (2.0 * uniforms[1] - 1.0)
-            side = xp.where(uniforms[2] < 0.5, -1.0 + zero, 1.0)
-            direction = xp.where(cones.direction == 0.0, side, cones.direction)
+            direction = chosen(uniforms[2], cones.direction)
             return CarState(zero, lateral_position, heading, zero, zero, zero, zero), Side(direction)
 
         return start
@@ -255,14 +237,7 @@ class DoubleLaneChange(Task):
         return path_entries(self, speed, front_limit, rear_limit)
 
     def end(self, xp: Any) -> Law:
-        usual, clearance_of = xp.function(end_code(xp, self.limits)), xp.function(clearance(xp, self))
-
-        def end(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
-            spun = usual(state, reference, episode, world) == SPUN
-            left = clearance_of(state, reference, episode, world) < 0.0
-            return xp.where(spun, SPUN, xp.where(left, LEFT, RUNNING))
-
-        return end
+        return end_outside(xp, self, 0.0)
 
     def success(self, xp: Any) -> Law:
         def success(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
@@ -290,7 +265,7 @@ class DoubleLaneChange(Task):
         return (Mark("cones", tuple(places)),)
 
     def task_state_with(self, side: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
-        return side._replace(direction=numbers["direction"]) if "direction" in numbers else side
+        return side._replace(**numbers)
 
 
 def lanes(xp: Any) -> Law:

@@ -16,7 +16,7 @@ import numpy as np
 
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.records import composed, record_of, replaced
-from bicycle_env.physics.validation import check_frozen, choice, explain_keywords, from_fields, number
+from bicycle_env.physics.validation import check_fields, check_frozen, choice, explain_keywords, from_fields, number
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.control_step import command_of
 from bicycle_env.tasks.disturbances import SIDES
@@ -50,8 +50,7 @@ class Driver(abc.ABC):
 
 
 def _check(driver: Driver, **ranges: tuple[float, float]) -> None:
-    for name, (low, high) in ranges.items():
-        object.__setattr__(driver, name, number(name, getattr(driver, name), low, high))
+    check_fields(driver, **ranges)
     choice("side", driver.side, SIDES)
 
 

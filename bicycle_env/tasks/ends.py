@@ -8,7 +8,7 @@ from typing import Any
 
 from bicycle_env.physics.car import CarState
 from bicycle_env.physics.records import replaced
-from bicycle_env.physics.validation import explain_keywords, positive
+from bicycle_env.physics.validation import check_fields, explain_keywords, positive
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 
 Law = Callable[..., Any]
@@ -22,8 +22,7 @@ class _AboveZero:
     """Fields are finite numbers > 0."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            object.__setattr__(self, field.name, positive(field.name, getattr(self, field.name)))
+        check_fields(self, positive, **{field.name: () for field in dataclasses.fields(self)})
 
 
 @explain_keywords
@@ -54,21 +53,41 @@ class Tolerances(_AboveZero):
     """rad/s."""
 
 
-def end_code(xp: Any, limits: Limits) -> Law:
-    """0 while running, 1 if the car has spun, 2 if its whole body has left the corridor."""
+def spun(xp: Any, limits: Limits) -> Law:
+    """``spun(state, speed)``: whether nobody drives on."""
     sideslip, yaw_rate, heading = limits.sideslip, limits.yaw_rate, limits.heading
 
-    def end_code(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
-        spun = (
-            (abs(state.lateral_velocity) > sideslip * world.car.speed)
+    def spun(state: CarState, speed: Any) -> Any:
+        return (
+            (abs(state.lateral_velocity) > sideslip * speed)
             | (abs(state.yaw_rate) > yaw_rate)
             | (abs(state.heading) > heading)
         )
+
+    return spun
+
+
+def end_code(xp: Any, limits: Limits) -> Law:
+    """0 while running, 1 if the car has spun, 2 if its whole body has left the corridor."""
+    has_spun = xp.function(spun(xp, limits))
+
+    def end_code(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
         edge = xp.multiply_add(0.5, world.car.body_width, reference.road_half_width)
         left = abs(state.lateral_position - reference.road_centre) > edge
-        return xp.where(spun, SPUN, xp.where(left, LEFT, RUNNING))
+        return xp.where(has_spun(state, world.car.speed), SPUN, xp.where(left, LEFT, RUNNING))
 
     return end_code
+
+
+def end_outside(xp: Any, task: Any, most: float) -> Law:
+    """As :func:`end_code`, but 2 if a point of the body that is judged is more than `most` m outside."""
+    has_spun, clearance_of = xp.function(spun(xp, task.limits)), xp.function(clearance(xp, task))
+
+    def end_outside(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
+        left = clearance_of(state, reference, episode, world) < -most
+        return xp.where(has_spun(state, world.car.speed), SPUN, xp.where(left, LEFT, RUNNING))
+
+    return end_outside
 
 
 def settled(xp: Any, tolerances: Tolerances) -> Law:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from bicycle_env.physics.car import CarParameters
+from bicycle_env.physics.car import CarParameters, CarState
+from bicycle_env.physics.records import record_of
 
 
 class EpisodeState(NamedTuple):
@@ -20,6 +21,14 @@ class EpisodeState(NamedTuple):
     """Consecutive control steps, up to now, in which the car was within all tolerances."""
     task_state: Any
     """The task's own named tuple: drawn at the start, and what its law ``remember`` makes of it."""
+
+
+COMMANDS = ("front_steer_command", "rear_steer_command")
+
+
+def state_record(name: str, task_state: Any) -> Any:
+    """The class of ``env.unwrapped.state`` of a task whose own state is of the class `task_state`; SI units."""
+    return record_of(name, (*CarState._fields, *COMMANDS, "time", *task_state._fields))
 
 
 class Reference(NamedTuple):

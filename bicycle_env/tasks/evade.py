@@ -7,18 +7,17 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from bicycle_env.physics.actuators import FRONT
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import PYTHON
-from bicycle_env.physics.records import record_of, replaced
-from bicycle_env.physics.validation import choice, explain_keywords, number
-from bicycle_env.tasks.ends import LEFT, RUNNING, SPUN, Tolerances, clearance, end_code, settled
-from bicycle_env.tasks.episode import EpisodeState, Reference, World
-from bicycle_env.tasks.lane_change import DIRECTIONS, SIDES
+from bicycle_env.physics.records import replaced
+from bicycle_env.physics.validation import check_fields, explain_keywords
+from bicycle_env.tasks.draws import check_draws, drawn, draws_of, draws_record
+from bicycle_env.tasks.ends import Tolerances, clearance, end_outside, settled
+from bicycle_env.tasks.episode import EpisodeState, Reference, World, state_record
+from bicycle_env.tasks.lane_change import SIDES
 from bicycle_env.tasks.marks import Mark
-from bicycle_env.tasks.metrics import SHARED, Metric, Run
+from bicycle_env.tasks.metrics import SHARED, Metric, Run, least
 from bicycle_env.tasks.rewards import Quadratic, Reward, plus_square
 from bicycle_env.tasks.task import Entry, Law, Task, fixed_entries, observed_car
 
@@ -64,11 +63,7 @@ class Places(NamedTuple):
     last: Any
 
 
-EvadeState = record_of(
-    "EvadeState", (*CarState._fields, "front_steer_command", "rear_steer_command", "time", *Gates._fields)
-)
-Draws = record_of("Draws", ("direction", *(f"{name}_{what}" for name in RANGES for what in ("least", "width"))))
-"""+1, -1 or 0 for random; least value and width of what is drawn."""
+EvadeState = state_record("EvadeState", Gates)
 
 
 @explain_keywords
@@ -93,9 +88,8 @@ class FreeRoad(Reward):
     share_after_touch: float = 0.1
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            most = 1.0 if field.name == "share_after_touch" else 1e6
-            object.__setattr__(self, field.name, number(field.name, getattr(self, field.name), 0.0, most))
+        check_fields(self, **{field.name: (0.0, 1e6) for field in dataclasses.fields(self)})
+        check_fields(self, share_after_touch=(0.0, 1.0))
 
     def law(self, xp: Any) -> Law:
         plus, places_of = xp.function(plus_square(xp)), xp.function(places(xp))
@@ -144,7 +138,7 @@ class Evade(Task):
     name = "evade"
     episode_steps = 340
     TaskState = Gates
-    Settings = Draws
+    Settings = draws_record(RANGES)
     State = EvadeState
     uniforms = 5 + len(RANGES)
     ends = ("spun", "left_corridor")
@@ -155,9 +149,7 @@ class Evade(Task):
     judged_points = 5
     rewards = {  # noqa: RUF012 (a constant)
         "default": FreeRoad(),
-        "quadratic": Quadratic(
-            lateral_cost=0.5, heading_cost=10.0, yaw_rate_cost=1.0, front_command_cost=0.1, rear_command_cost=0.1
-        ),
+        "quadratic": Quadratic(lateral_cost=0.5, heading_cost=10.0, yaw_rate_cost=1.0),
     }
     defaults = {"steer": "front"}  # noqa: RUF012 (a constant)
     levels = {  # noqa: RUF012 (a constant)
@@ -176,36 +168,31 @@ class Evade(Task):
     return_time: tuple[float, float] = (1.2, 2.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "direction", choice("direction", self.direction, DIRECTIONS))
-        for name, (least, most) in RANGES.items():
-            given = getattr(self, name)
-            if not isinstance(given, (tuple, list)) or len(given) != 2:
-                raise TypeError(f"{name} must be a pair (low, high), got {given!r}")
-            low = number(f"{name}[0]", given[0], least, most)
-            object.__setattr__(self, name, (low, number(f"{name}[1]", given[1], low, most)))
+        check_draws(self, RANGES)
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
         return (
             *SHARED,
-            Metric("least_clearance", "m", "from the edge of the corridor to the nearest point; < 0: outside", _least),
+            Metric(
+                "least_clearance",
+                "m",
+                "from the edge of the corridor to the nearest point; < 0: outside",
+                least("clearance"),
+            ),
             Metric("touched", "", "1 if a point of the body was ever outside, else 0", _touched),
         )
 
     def settings(self, speed: float) -> Any:
-        ranges = (getattr(self, name) for name in RANGES)
-        return Draws(DIRECTIONS[self.direction], *(value for low, high in ranges for value in (low, high - low)))
+        return draws_of(self, RANGES)
 
     def start(self, xp: Any) -> Law:
         lateral, heading, sideslip, yaw_rate = START.values()
+        draw = drawn(xp, RANGES, 4)
 
         def start(uniforms: Any, world: World) -> tuple[CarState, Gates]:
-            draws, car, zero = world.settings, world.car, 0.0 * uniforms[0]
-            side = xp.where(uniforms[4] < 0.5, -1.0 + zero, 1.0)
-            friction = xp.multiply_add(draws.relative_friction_width, uniforms[5], draws.relative_friction_least)
-            until = xp.multiply_add(draws.obstacle_time_width, uniforms[6], draws.obstacle_time_least)
-            along = xp.multiply_add(draws.obstacle_length_width, uniforms[7], draws.obstacle_length_least)
-            back = xp.multiply_add(draws.return_time_width, uniforms[8], draws.return_time_least)
+            car, zero = world.car, 0.0 * uniforms[0]
+            side, friction, until, along, back = draw(uniforms, world.settings)
             state = CarState(
                 zero,
                 lateral * (2.0 * uniforms[0] - 1.0),
@@ -215,8 +202,7 @@ class Evade(Task):
                 zero,
                 zero,
             )
-            chosen = xp.where(draws.direction == 0.0, side, draws.direction + zero)
-            return state, Gates(chosen, friction, until, along, back, zero)
+            return state, Gates(side, friction, until, along, back, zero)
 
         return start
 
@@ -283,14 +269,7 @@ class Evade(Task):
         return remember
 
     def end(self, xp: Any) -> Law:
-        usual, clearance_of = xp.function(end_code(xp, self.limits)), xp.function(clearance(xp, self))
-
-        def end(state: CarState, reference: Reference, episode: EpisodeState, world: World) -> Any:
-            spun = usual(state, reference, episode, world) == SPUN
-            left = clearance_of(state, reference, episode, world) < -FAR_OUTSIDE
-            return xp.where(spun, SPUN, xp.where(left, LEFT, RUNNING))
-
-        return end
+        return end_outside(xp, self, FAR_OUTSIDE)
 
     def success(self, xp: Any) -> Law:
         straight = xp.function(settled(xp, self.tolerances))
@@ -322,10 +301,6 @@ def places(xp: Any) -> Law:
         return Places(begin, end, xp.multiply_add(car.speed, own.return_time, end))
 
     return places
-
-
-def _least(run: Run) -> float:
-    return float(np.min(run.steps["clearance"]))
 
 
 def _touched(run: Run) -> float:

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bicycle_env.physics.car import CarState
-from bicycle_env.physics.validation import choice, number, positive
+from bicycle_env.physics.validation import check_fields, choice, positive
 from bicycle_env.tasks import rewards
 from bicycle_env.tasks.ends import Tolerances
-from bicycle_env.tasks.episode import EpisodeState, Reference, World
+from bicycle_env.tasks.episode import EpisodeState, Reference, World, state_record
 from bicycle_env.tasks.metrics import SHARED, Metric, Run
 from bicycle_env.tasks.task import Entry, Law, Task, fixed_entries, observed_car
 
@@ -23,23 +23,6 @@ DURATION = 1.5  # s
 PREVIEW_POINTS_LIMIT = 500
 
 
-class LaneChangeState(NamedTuple):
-    """``env.unwrapped.state`` of BicycleLaneChange-v0; SI units."""
-
-    longitudinal_position: float
-    lateral_position: float
-    heading: float
-    lateral_velocity: float
-    yaw_rate: float
-    front_steer: float
-    rear_steer: float
-    front_steer_command: float
-    rear_steer_command: float
-    time: float
-    direction: float
-    change_start: float
-
-
 class Route(NamedTuple):
     """The path of one episode."""
 
@@ -47,6 +30,9 @@ class Route(NamedTuple):
     """+1 to the left, -1 to the right."""
     change_start: Any
     """Longitudinal position at which the change begins, m."""
+
+
+LaneChangeState = state_record("LaneChangeState", Route)
 
 
 class Path(NamedTuple):
@@ -86,13 +72,10 @@ class LaneChange(Task):
             lateral_weight=4.0,
             heading_weight=20.0,
             sideslip_weight=20.0,
-            yaw_rate_weight=0.0,
             effort_weight=0.1,
             smoothness_weight=0.2,
         ),
-        "quadratic": rewards.Quadratic(
-            lateral_cost=1.0, heading_cost=10.0, yaw_rate_cost=1.0, front_command_cost=0.1, rear_command_cost=0.1
-        ),
+        "quadratic": rewards.Quadratic(lateral_cost=1.0, heading_cost=10.0, yaw_rate_cost=1.0),
     }
     levels = {  # noqa: RUF012 (a constant)
         "easy": {"speed_ratio": 1.05},
@@ -116,20 +99,16 @@ class LaneChange(Task):
     """s."""
 
     def __post_init__(self) -> None:
-        checked: dict[str, Any] = {"direction": choice("direction", self.direction, DIRECTIONS)}
+        check_fields(self, choice, direction=(DIRECTIONS,))
         if self.duration is not None and self.length is not None:
             raise ValueError(
                 f"give duration or length of the change, not both; got {self.duration!r} and {self.length!r}"
             )
-        checked["lane_width"] = positive("lane_width", self.lane_width)
-        for name in ("duration", "length"):
-            if getattr(self, name) is not None:
-                checked[name] = positive(name, getattr(self, name))
-        checked |= checked_preview(self.preview_length, self.preview_spacing)
+        given = [name for name in ("duration", "length") if getattr(self, name) is not None]
+        check_fields(self, positive, lane_width=(), **dict.fromkeys(given, ()))
+        check_preview(self)
         if self.change_start is not None:
-            checked["change_start"] = number("change_start", self.change_start, 0.0, LATEST_START)
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+            check_fields(self, change_start=(0.0, LATEST_START))
 
     @property
     def road_half_width(self) -> float:
@@ -166,14 +145,15 @@ class LaneChange(Task):
         )
 
     def start(self, xp: Any) -> Any:
+        side = xp.function(chosen_side(xp))
+
         def start(uniforms: Any, world: World) -> tuple[CarState, Route]:
             path = world.settings
             lateral_position = path.offset * (2.0 * uniforms[0] - 1.0)
             heading = path.heading * (2.0 * uniforms[1] - 1.0)
             range_of_starts = path.latest_start - path.earliest_start
             change_start = xp.multiply_add(range_of_starts, uniforms[2], path.earliest_start)
-            side = xp.where(uniforms[3] < 0.5, -1.0 + 0.0 * heading, 1.0)
-            direction = xp.where(path.direction == 0.0, side, path.direction)
+            direction = side(uniforms[3], path.direction)
             zero = 0.0 * uniforms[0]
             state = CarState(zero, lateral_position, heading, zero, zero, zero, zero)
             return state, Route(direction, change_start)
@@ -201,11 +181,10 @@ class LaneChange(Task):
         return path_entries(self, speed, front_limit, rear_limit)
 
     def task_state_with(self, route: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
-        if "direction" in numbers:
-            route = route._replace(direction=numbers["direction"])
-        if "change_start" in numbers:
-            route = route._replace(change_start=speed * numbers["change_start"])
-        return route
+        changes = dict(numbers)
+        if "change_start" in changes:
+            changes["change_start"] = speed * changes["change_start"]
+        return route._replace(**changes)
 
 
 def overshoot(run: Run) -> float:
@@ -252,16 +231,23 @@ def quintic_rise(xp: Any) -> Any:
     return quintic_rise
 
 
-def checked_preview(length: Any, spacing: Any) -> dict[str, float]:
+def chosen_side(xp: Any) -> Law:
+    """``chosen_side(uniform, direction)``: +1 or -1; a direction of 0 leaves it to the uniform number."""
+
+    def chosen_side(uniform: Any, direction: Any) -> Any:
+        zero = 0.0 * uniform
+        return xp.where(direction == 0.0, xp.where(uniform < 0.5, -1.0 + zero, 1.0), direction + zero)
+
+    return chosen_side
+
+
+def check_preview(task: Any) -> None:
     """The two keywords of a preview; ValueError or TypeError names a bad one."""
-    checked = {
-        "preview_length": number("preview_length", length, 0.0),
-        "preview_spacing": positive("preview_spacing", spacing),
-    }
-    points = checked["preview_length"] / checked["preview_spacing"] + 1e-9
+    check_fields(task, preview_length=(0.0,))
+    check_fields(task, positive, preview_spacing=())
+    points = task.preview_length / task.preview_spacing + 1e-9
     if points >= PREVIEW_POINTS_LIMIT + 1:
         raise ValueError(f"preview_length / preview_spacing must be <= {PREVIEW_POINTS_LIMIT}, got {points:g}")
-    return checked
 
 
 def times_ahead(length: float, spacing: float) -> tuple[float, ...]:

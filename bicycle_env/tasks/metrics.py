@@ -33,8 +33,14 @@ class Metric(NamedTuple):
     """Whether tables show it, or only files."""
 
 
-def _largest(name: str) -> Callable[[Run], float]:
+def largest(name: str) -> Callable[[Run], float]:
+    """The largest |value| of a number of each step."""
     return lambda run: float(np.max(np.abs(run.steps[name])))
+
+
+def least(name: str) -> Callable[[Run], float]:
+    """The least value of a number of each step."""
+    return lambda run: float(np.min(run.steps[name]))
 
 
 def _seconds(run: Run) -> float:
@@ -51,11 +57,11 @@ def _cost(run: Run) -> float:
 
 SHARED = (
     Metric("seconds", "s", "length of the episode", _seconds, in_tables=False),
-    Metric("peak_sideslip", "rad", "largest |sideslip|", _largest("sideslip")),
+    Metric("peak_sideslip", "rad", "largest |sideslip|", largest("sideslip")),
     Metric("steering_effort", "rad", "root of the mean of front_steer^2 + rear_steer^2", _steering_effort),
     Metric("cost", "s", "seconds with a corner of the body outside", _cost, in_tables=False),
-    Metric("peak_lateral_acceleration", "m/s2", "largest |lateral acceleration|", _largest("lateral_acceleration")),
-    Metric("largest_tracking_error", "m", "largest |lateral position - path|", _largest("lateral_error")),
+    Metric("peak_lateral_acceleration", "m/s2", "largest |lateral acceleration|", largest("lateral_acceleration")),
+    Metric("largest_tracking_error", "m", "largest |lateral position - path|", largest("lateral_error")),
 )
 """Of every task."""
 

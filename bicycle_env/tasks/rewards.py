@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.records import expression
-from bicycle_env.physics.validation import choice, explain_keywords, from_fields, number, positive
+from bicycle_env.physics.validation import check_fields, choice, explain_keywords, from_fields, positive
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
 
 Law = Callable[..., Any]
@@ -64,15 +64,8 @@ def squares(xp: Any, weights: tuple[float, ...]) -> Law:
     return expression(xp, sum_of, "total, values", plus=plus_square(xp))  # type: ignore[no-any-return]
 
 
-def _not_negative(name: str, value: object) -> float:
-    return number(name, value, 0.0)
-
-
-def _check_weights(reward: Any, above_zero: tuple[str, ...] = ()) -> None:
-    for field in dataclasses.fields(reward):
-        if field.init:
-            check = positive if field.name in above_zero else _not_negative
-            object.__setattr__(reward, field.name, check(field.name, getattr(reward, field.name)))
+def _check_weights(reward: Any) -> None:
+    check_fields(reward, **{field.name: (0.0,) for field in dataclasses.fields(reward) if field.init})
 
 
 @explain_keywords
@@ -145,7 +138,8 @@ class Quadratic(Reward):
     rear_command_cost: float = 0.1
 
     def __post_init__(self) -> None:
-        _check_weights(self, ("front_command_cost", "rear_command_cost"))
+        check_fields(self, positive, front_command_cost=(), rear_command_cost=())
+        _check_weights(self)
 
     @property
     def state_costs(self) -> tuple[float, ...]:

@@ -10,27 +10,15 @@ from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.car import CarState
 from bicycle_env.tasks import rewards
 from bicycle_env.tasks.ends import Tolerances
-from bicycle_env.tasks.episode import EpisodeState, Reference, World
+from bicycle_env.tasks.episode import EpisodeState, Reference, World, state_record
 from bicycle_env.tasks.task import Entry, Task, fixed_entries, observed_car
-
-
-class StabiliseState(NamedTuple):
-    """``env.unwrapped.state`` of BicycleStab-v0; SI units."""
-
-    longitudinal_position: float
-    lateral_position: float
-    heading: float
-    lateral_velocity: float
-    yaw_rate: float
-    front_steer: float
-    rear_steer: float
-    front_steer_command: float
-    rear_steer_command: float
-    time: float
 
 
 class Nothing(NamedTuple):
     """The task draws nothing beside the car's state."""
+
+
+StabiliseState = state_record("StabiliseState", Nothing)
 
 
 class StartBox(NamedTuple):
@@ -67,11 +55,8 @@ class Stabilise(Task):
             effort_weight=0.2,
             smoothness_weight=0.2,
         ),
-        "quadratic": rewards.Quadratic(
-            lateral_cost=0.25, heading_cost=10.0, yaw_rate_cost=4.0, front_command_cost=0.1, rear_command_cost=0.1
-        ),
+        "quadratic": rewards.Quadratic(lateral_cost=0.25, heading_cost=10.0, yaw_rate_cost=4.0),
     }
-
     levels = {  # noqa: RUF012 (a constant)
         "easy": {"speed_ratio": 1.05},
         "medium": {},
@@ -112,9 +97,8 @@ class Stabilise(Task):
     def observe(self, xp: Any) -> Any:
         car = xp.function(observed_car(xp))
 
-        def observe(state: CarState, episode: EpisodeState, world: World) -> tuple[Any, ...]:
-            observed: tuple[Any, ...] = car(state, episode)
-            return observed
+        def observe(state: CarState, episode: EpisodeState, world: World) -> Any:
+            return car(state, episode)
 
         return observe
 

@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from bicycle_env.physics.car import CarParameters, CarState
-from bicycle_env.physics.validation import explain_keywords, number
+from bicycle_env.physics.validation import check_fields, explain_keywords
 from bicycle_env.physics.vehicle import GRAVITY
 from bicycle_env.tasks import rewards
 from bicycle_env.tasks.episode import EpisodeState, Reference, World
@@ -55,8 +55,7 @@ class Steadiness(rewards.Reward):
     failure: float = 5.0
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self)[1:]:
-            object.__setattr__(self, field.name, number(field.name, getattr(self, field.name), 0.0))
+        check_fields(self, **{field.name: (0.0,) for field in dataclasses.fields(self)[1:]})
 
     def law(self, xp: Any) -> Law:
         plus, judge = xp.function(rewards.plus_square(xp)), xp.function(judgement(xp))

@@ -20,8 +20,8 @@ from bicycle_env.physics.records import replaced
 from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.control_step import transition
-from bicycle_env.tasks.episode import EpisodeState, Rules, World
-from bicycle_env.tasks.stabilise import Nothing, Stabilise, StabiliseState
+from bicycle_env.tasks.episode import EpisodeState, Rules, World, state_record
+from bicycle_env.tasks.stabilise import Nothing, Stabilise
 from bicycle_env.tasks.task import Entry
 
 ID = "Test/Doors-v0"
@@ -36,7 +36,7 @@ class Gusts(NamedTuple):
     largest_yaw_rate: Any
 
 
-State = NamedTuple("State", [*StabiliseState.__annotations__.items(), *((name, float) for name in Gusts._fields)])
+State = state_record("State", Gusts)
 
 
 @dataclasses.dataclass(frozen=True)
