@@ -140,16 +140,8 @@ class Configuration:
         state_costs = (*self.costs.state_costs, *unpaid)
         command_costs = [self.costs.command_costs[k] for k in columns]
         inputs = [("front_steer_command", "rear_steer_command")[k] for k in columns]
-        return LinearModel(
-            a,
-            b,
-            repeat * np.diag(state_costs),
-            repeat * np.diag(command_costs),
-            self.action_timestep,
-            names,
-            tuple(inputs),
-            scale,
-        )
+        q, r = (repeat * np.diag(costs) for costs in (state_costs, command_costs))
+        return LinearModel(a, b, q, r, self.action_timestep, names, tuple(inputs), scale)
 
 
 class Configured:

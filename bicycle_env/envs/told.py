@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Generic, TypeVar, overload
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,9 @@ class Told(Generic[Value]):
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
-    @overload
-    def __get__(self, env: None, owner: type) -> Told[Value]: ...
-    @overload
-    def __get__(self, env: object, owner: type) -> Value: ...
-    def __get__(self, env: object | None, owner: type) -> Told[Value] | Value:
+    def __get__(self, env: object | None, owner: type) -> Value:
         if env is None:
-            return self
+            return self  # type: ignore[return-value]
         try:
             value: Value = env.__dict__[self._name]
         except KeyError:

@@ -251,19 +251,10 @@ def _step(kind: Kind, reward: Reward) -> Any:
                     seen[k * entries + j] = shown[k + j * length]
         return ended
 
-    table = numba.float32[:, ::1]
-    signature = numba.int64(
-        number_type(kind)[::1],
-        table,
-        numba.uint64[::1],
-        table,
-        numba.float64[:, ::1],
-        numba.boolean[:, ::1],
-        numba.int8[::1],
-        numba.boolean,
-        numba.int64,
-        numba.int64,
-    )
+    table, number = numba.float32[:, ::1], numba.int64
+    results = (table, numba.float64[:, ::1], numba.boolean[:, ::1], numba.int8[::1])
+    given = (number_type(kind)[::1], table, numba.uint64[::1])
+    signature = number(*given, *results, numba.boolean, number, number)
     waits = kind.model.geometry == "exact" or not isinstance(kind.model.tire, Linear)
     return compiled.entry_point(step, signature, nogil=True, interleave=2 if waits and length >= LONG else 0)
 

@@ -72,8 +72,8 @@ class Layout(NamedTuple):
 def layout(kind: Kind) -> Layout:
     """The columns of a block."""
     sizes = [len(kind.model.State._fields), len(KEPT), 1, len(kind.task.TaskState._fields)]
-    own = [len(CarParameters._fields), len(kind.task.Settings._fields), kind.entries]
-    return Layout(*_places([*sizes, *(size if kind.varied else 0 for size in own)]))
+    car, settings = len(CarParameters._fields), len(kind.task.Settings._fields)
+    return Layout(*_places([*sizes, *(size if kind.varied else 0 for size in (car, settings, kind.entries))]))
 
 
 class SharedLayout(NamedTuple):
@@ -100,16 +100,8 @@ LINE = 16  # numbers: at least a cache line
 
 def shared_layout(kind: Kind) -> SharedLayout:
     """The places of what all rows share; the blocks follow."""
-    sizes = [
-        1,
-        1,
-        len(CarParameters._fields),
-        len(Rules._fields),
-        len(kind.task.Settings._fields),
-        kind.entries,
-        kind.entries,
-    ]
-    *places, end = _places([*sizes, len(kind.task.preview_times)])
+    world = [len(record._fields) for record in (CarParameters, Rules, kind.task.Settings)]
+    *places, end = _places([1, 1, *world, kind.entries, kind.entries, len(kind.task.preview_times)])
     return SharedLayout._make([*places, end + -end % LINE])
 
 

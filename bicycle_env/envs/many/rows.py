@@ -39,20 +39,14 @@ class Rows:
         first, at, dtype = fleet.configuration, layout(kind), np.dtype(kind.dtype)
         self._num_envs, self._drawn = num_envs, kind.task.TaskState._fields
         self.blocks = -(-num_envs // kind.length)
-        self._names = {
-            name: column
-            for column, name in enumerate(
-                (*kind.model.State._fields, *KEPT, "end", *kind.task.TaskState._fields), start=at.state
-            )
-        }
-        shared = shared_numbers(
-            kind,
+        names = (*kind.model.State._fields, *KEPT, "end", *kind.task.TaskState._fields)
+        self._names = {name: column for column, name in enumerate(names, start=at.state)}
+        limits = (math.inf if step_limit is None else step_limit, first.steps_to_settle)
+        world, entries = (
             World(first.car, first.rules, first.settings),
-            first.observation_scale,
-            first.observation_bound,
-            math.inf if step_limit is None else step_limit,
-            first.steps_to_settle,
+            (first.observation_scale, first.observation_bound),
         )
+        shared = shared_numbers(kind, world, *entries, *limits)
         self.numbers = np.concatenate([shared, np.zeros(self.blocks * at.width * kind.length, dtype=dtype)])
         self._kept = at.scale if fleet.varied else at.car
         self._at = at

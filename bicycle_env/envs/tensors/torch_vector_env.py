@@ -203,12 +203,8 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
             final_observation, final_info = self._look(over)
             self._episodes = self._kernels.restart(over, self._uniforms(), after)
             observation, info = self._look()
-            info |= {
-                "final_obs": final_observation,
-                "_final_obs": over,
-                "final_info": final_info,
-                "_final_info": over.clone(),
-            }
+            info |= {"final_obs": final_observation, "_final_obs": over}
+            info |= {"final_info": final_info, "_final_info": over.clone()}
             return observation, reward, after.end > 0, after.timed_out, info
         over = before.over
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
