@@ -44,8 +44,8 @@ def test_the_names_of_the_table_exist():
 def test_every_line_is_counted_once():
     sources = line_count.sources(None)
     counts = line_count.count(sources, TABLE)
-    assert sum(counts.values()) == sum(len(text.splitlines()) for text in sources.values())
-    assert all(counts.values())
+    assert sum(lines for lines, _ in counts.values()) == sum(len(text.splitlines()) for text in sources.values())
+    assert all(0 <= code <= lines and lines for lines, code in counts.values())
 
 
 @pytest.mark.parametrize(
@@ -66,6 +66,10 @@ def test_a_name_has_its_lines(names, lines):
 def test_an_unknown_name_is_refused():
     with pytest.raises(KeyError, match="fourth"):
         line_count.lines_of(SOURCE, "One.fourth")
+
+
+def test_code_is_neither_blank_nor_string_nor_import():
+    assert line_count.code(SOURCE) == {5, 8, 11, 12, 13, 14, 15, 16, 19}
 
 
 def test_an_import_belongs_to_those_who_use_it():

@@ -47,8 +47,9 @@ FEATURES: dict[str, Names] = {
     "drivers": {"tasks/drivers.py": "*", "tasks/task.py": "Task.undriven"},
     "drawn parameters": {
         "tasks/randomised.py": "*",
+        "tasks/distributions.py": "*",
         "tasks/task.py": "Task.told",
-        "envs/configuration.py": "configure.ranges configure.cars",
+        "envs/configuration.py": "configure.drawn configure.cars",
         "envs/many/vector_env.py": "SingleTrackVectorEnv._info:told SingleTrackVectorEnv.__init__:told",
         "envs/single/single_track_env.py": "SingleTrackEnv._info:told",
         "envs/tensors/torch_vector_env.py": "TorchVectorEnv._look:told",
@@ -74,7 +75,7 @@ FEATURES: dict[str, Names] = {
         "tasks/task.py": "Task.levels Task.defaults",
         "tasks/lane_change.py": "LaneChange.levels",
         "tasks/stabilise.py": "Stabilise.levels",
-        "envs/origin.py": "Origin.of_level origin_of.level origin_of.usual _level _over",
+        "envs/origin.py": "Origin.of_level origin_of.level origin_of.usual origin_of.made _level _over",
         "envs/setup.py": "Setup.level",
         "envs/configuration.py": "Configuration.level Configured.level",
         "envs/fleet.py": "Fleet.scored_level ConfiguredFleet.scored_level",
@@ -116,7 +117,7 @@ FEATURES: dict[str, Names] = {
         ),
         "tasks/ends.py": "_AboveZero",
         "tasks/task.py": "Task.limits Task.tolerances",
-        "tasks/control_step.py": "_with_forfeit",
+        "tasks/control_step.py": "parts.reward_law parts.before_law _before _with_forfeit",
         "envs/configuration.py": "Configuration.costs",
     },
     "corridors of any shape, clearance": {
@@ -126,6 +127,7 @@ FEATURES: dict[str, Names] = {
         "envs/telemetry.py": "MOMENT",
         "envs/many/block_kernels.py": "measuring.keep_rest measuring.clearance_law measuring.measure.clear",
     },
+    "the model as an object": {"envs/configuration.py": "Configuration.tire Configuration.geometry Configured.model"},
     "relaxation length": {
         "envs/setup.py": "Setup.relaxation_length",
         "envs/configuration.py": (
@@ -139,10 +141,10 @@ FEATURES: dict[str, Names] = {
     "other cars by the options of reset": {
         "envs/origin.py": "Origin",
         "envs/fleet.py": "CAR_OPTIONS with_options Fleet.origin",
-        "envs/many/rows.py": "Rows.put_cars Rows.cars checked_cars",
+        "envs/many/rows.py": "Rows.put_cars Rows.cars checked_cars VectorSnapshot.names",
         "envs/many/vector_env.py": (
-            "SingleTrackVectorEnv.reset.others SingleTrackVectorEnv.reset:_changed "
-            "SingleTrackVectorEnv.__init__._changed SingleTrackVectorEnv.restore:_changed VectorSnapshot.names SingleTrackVectorEnv._fits:names"
+            "SingleTrackVectorEnv.reset.others SingleTrackVectorEnv.reset:_changed SingleTrackVectorEnv._fits:names "
+            "SingleTrackVectorEnv.__init__._changed SingleTrackVectorEnv.restore:_changed"
         ),
         "envs/single/single_track_env.py": (
             "Snapshot.names Snapshot.driven SingleTrackEnv.present SingleTrackEnv._drive SingleTrackEnv.reset:cars "
@@ -154,6 +156,11 @@ FEATURES: dict[str, Names] = {
             "TorchVectorEnv.reset:cars TorchVectorEnv.reset:others TorchVectorEnv.__init__._changed "
             "TorchVectorEnv.snapshot.cars TorchVectorEnv.restore:cars TorchVectorEnv.__setstate__:_copy_cars"
         ),
+    },
+    "what a search may plan with, the hidden apart": {
+        "tasks/task.py": "Task.hidden",
+        "envs/many/rows.py": "Rows.mixed",
+        "envs/many/vector_env.py": "SingleTrackVectorEnv.mixed",
     },
     "actions that are repeated": {
         "envs/setup.py": "Setup.action_repeat",
@@ -282,28 +289,40 @@ def imports(text: str, own: set[int]) -> set[int]:
     return found
 
 
-def count(texts: Mapping[str, str], table: Mapping[str, Names]) -> dict[str, int]:
-    """Lines by what they are for; each line once."""
-    counts = dict.fromkeys((SAME, PAGES, *table), 0)
+def code(text: str) -> set[int]:
+    """The lines that are neither blank, nor comments, strings that explain, nor imports."""
+    found = {k for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.strip().startswith("#")}
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, (ast.Import, ast.ImportFrom)) or (isinstance(node, ast.stmt) and _text(node)):
+            found -= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    return found
+
+
+def count(texts: Mapping[str, str], table: Mapping[str, Names]) -> dict[str, tuple[int, int]]:
+    """Lines, and those of them that are code, by what they are for; each line once."""
+    counts: dict[str, list[tuple[int, int]]] = {name: [] for name in (SAME, PAGES, *table)}
     for path, text in texts.items():
         left = lines_of(text, "*") - page(path, text)
-        counts[PAGES] += len(lines_of(text, "*")) - len(left)
+        parts = {PAGES: lines_of(text, "*") - left}
         for feature, names in table.items():
             own = left & lines_of(text, names[path]) if path in names else set()
             own |= left & imports(text, own) if own else set()
-            counts[feature] += len(own)
-            left = left - own
-        counts[SAME] += len(left)
-    return counts
+            parts[feature], left = own, left - own
+        for name, lines in {**parts, SAME: left}.items():
+            counts[name].append((len(lines), len(lines & code(text)) if lines else 0))
+    return {name: (sum(every for every, _ in each), sum(some for _, some in each)) for name, each in counts.items()}
 
 
 def main() -> None:
     revision = sys.argv[1] if len(sys.argv) > 1 else BEFORE
     before, now = count(sources(revision), {"generics": GENERICS}), count(sources(None), {**FEATURES, **TASKS})
-    print(f"{'lines':72}{revision[:10]:>10}{'here':>8}")
+    print(f"{'':74}{'lines':>13}{'of them code':>20}")
+    print(f"{'':74}{revision[:7]:>7}{'here':>8}{revision[:7]:>10}{'here':>8}")
     for name in now:
-        print(f"{name:72}{before.get(name, 0):10,}{now[name]:8,}")
-    print(f"{'all':72}{sum(before.values()):10,}{sum(now.values()):8,}")
+        (lines, some), (lines_now, some_now) = before.get(name, (0, 0)), now[name]
+        print(f"{name:74}{lines:7,}{lines_now:8,}{some:10,}{some_now:8,}")
+    every = [sum(each[k] for each in counts.values()) for k in (0, 1) for counts in (before, now)]
+    print(f"{'all':74}{every[0]:7,}{every[1]:8,}{every[2]:10,}{every[3]:8,}")
 
 
 if __name__ == "__main__":
