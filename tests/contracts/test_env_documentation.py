@@ -149,7 +149,7 @@ def test_the_meanings_name_the_defaults_that_none_stands_for(page):
         (("human", "rgb_array"), "render_mode"),
     ):
         named = re.findall(r'`"(\w+)"`', meaning[keyword])
-        assert named == list(words), f"name them in envs/arguments.py or in the meanings of {page.cls.__name__}, {keyword}"
+        assert named == list(words), f"name them in envs/arguments.py, or in {page.cls.__name__}.meanings: {keyword}"
 
 
 def test_the_meanings_of_the_lane_change(lane_change):

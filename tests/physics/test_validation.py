@@ -1,5 +1,6 @@
 """The checks of arguments: each message names the parameter, the value and the allowed range."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -93,3 +94,35 @@ def test_known_keys():
         validation.known_keys("option", {"stat": 1}, ["state"])
     with pytest.raises(KeyError, match="unknown option 3"):
         validation.known_keys("option", [3], ["state"], KeyError)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "match"),
+    [
+        (1.0, TypeError, r"span must be a pair \(low, high\), got 1.0"),
+        ((1.0, 2.0, 3.0), TypeError, r"span must be a pair"),
+        ((-1.0, 2.0), ValueError, r"span\[0\] must be a finite number in \[0, 5\]"),
+        ((3.0, 2.0), ValueError, r"span\[1\] must be a finite number in \[3, 5\]"),
+    ],
+)
+def test_a_pair_that_is_none_is_refused(value, error, match):
+    with pytest.raises(error, match=match):
+        validation.pair("span", value, 0.0, 5.0)
+
+
+def test_fields_become_what_the_check_gives():
+    @dataclasses.dataclass(frozen=True)
+    class Spans:
+        first: tuple[float, float] = (1, 2)
+        second: float = 3
+        third: int = 4
+
+        def __post_init__(self):
+            validation.check_fields(self, validation.pair, first=(0.0, 5.0))
+            validation.check_fields(self, second=(0.0,))
+
+    made = Spans(first=[0, 5])
+    assert made == Spans((0.0, 5.0), 3.0, 4)
+    assert [type(value) for value in (*made.first, made.second, made.third)] == [float, float, float, int]
+    with pytest.raises(ValueError, match="second must be a finite number >= 0, got -1"):
+        Spans(second=-1)

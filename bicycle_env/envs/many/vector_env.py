@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from bicycle_env.envs.fleet import ConfiguredFleet, configure_fleet
 from bicycle_env.envs.many import block_kernels, blocks
-from bicycle_env.envs.many.blocks import KEPT
 from bicycle_env.envs.many.generators import Generators, checked_seeds
 from bicycle_env.envs.many.rows import Rows, VectorSnapshot, checked_cars, checked_mask, checked_start
 from bicycle_env.envs.many.threads import Threads
@@ -284,7 +283,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         law = self.task.refilled(NUMPY)
         if law is not None:
             state, zero = self._rows.record(self.model.State), np.zeros(self.num_envs)
-            front, rear = (self._rows.column(name) for name in KEPT[:2])
+            front, rear = (self._rows.column(name) for name in blocks.KEPT[:2])
             episode = EpisodeState(front, rear, zero, zero, self._rows.record(self.task.TaskState))
             car, settings = self._rows.cars(self.fleet)
             self._rows.put(law(state, episode, World(car, self.rules, settings))._asdict(), mask)

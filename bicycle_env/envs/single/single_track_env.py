@@ -19,7 +19,6 @@ from bicycle_env.envs.arrays import real_array
 from bicycle_env.envs.configuration import Configuration, Configured, configure
 from bicycle_env.envs.fleet import CAR_OPTIONS, configure_alike, with_options
 from bicycle_env.envs.many import block_kernels
-from bicycle_env.envs.many.block_kernels import BAD_ACTION
 from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_layout
 from bicycle_env.envs.many.rows import Rows
 from bicycle_env.envs.origin import names_of, origin_of
@@ -91,7 +90,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._observation_size = len(bound)
         self._present, self._car = configuration, configuration.car
         self._end_names = configuration.end_names
-        self._end_code = BAD_ACTION  # not yet reset
+        self._end_code = block_kernels.BAD_ACTION  # not yet reset
         self._warned = False
         self._plain = not (self.telemetry or self.task.told or self.render_mode == "human" or self.action_repeat > 1)
         self._limit: float = math.inf
@@ -174,7 +173,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         reward, end, cost, success = self._step(self._numbers, observation, values[0], values[-1])
         terminated, word = False, ""
         if end:
-            if end == BAD_ACTION:
+            if end == block_kernels.BAD_ACTION:
                 raise ValueError(f"action must be finite numbers, nominally in [-1, 1], got {action!r}")
             self._end_code, terminated, word = end, True, self._end_names[end]
         if self._plain:
@@ -190,7 +189,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
             logger.warn("render() needs render_mode='rgb_array' or 'human' in gym.make")
             return None
         self._refuse_if_closed("render()")
-        if self._end_code == BAD_ACTION:
+        if self._end_code == block_kernels.BAD_ACTION:
             raise gym.error.ResetNeeded("call reset() before render()")
         if self._viewer is None:
             from bicycle_env.rendering.viewer import Viewer
@@ -236,7 +235,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     @property
     def end(self) -> str:
         """Why the episode ended, "" while it is running: what ``info["end"]`` says."""
-        return "" if self._end_code == BAD_ACTION else self._end_names[self._end_code]
+        return "" if self._end_code == block_kernels.BAD_ACTION else self._end_names[self._end_code]
 
     @property
     def is_success(self) -> bool:
@@ -340,7 +339,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
 
     def _after_the_end(self) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         self._refuse_if_closed("step()")
-        if self._end_code == BAD_ACTION:
+        if self._end_code == block_kernels.BAD_ACTION:
             raise gym.error.ResetNeeded("call reset() before step()")
         if not self._warned:
             self._warned = True

@@ -18,20 +18,11 @@ class TorchOptions:
     """Reads values; of one per car the least and the greatest are checked on the host, for all."""
 
     def __init__(
-        self,
-        torch: Any,
-        num_envs: int,
-        device: Any,
-        dtype: Any,
-        front_limit: float,
-        rear_limit: float,
-        own: tuple[str, ...],
+        self, torch: Any, num_envs: int, device: Any, dtype: Any, limits: tuple[float, float], own: tuple[str, ...]
     ) -> None:
         self._torch, self._num_envs, self._device, self._dtype = torch, num_envs, device, dtype
-        self._own = own
-        # A float32 state may be the limit rounded up.
-        self._front_limit = max(front_limit, float(torch.tensor(front_limit, dtype=dtype)))
-        self._rear_limit = max(rear_limit, float(torch.tensor(rear_limit, dtype=dtype)))
+        front, rear = (max(limit, float(torch.tensor(limit, dtype=dtype))) for limit in limits)
+        self._limits, self._own = (front, rear), own  # a float32 state may be the limit rounded up
 
     def state(self, given: Any, label: str) -> dict[str, Tensor]:
         """Values and errors of ``checked_state``, a tensor each."""
@@ -44,7 +35,7 @@ class TorchOptions:
         for end in ("min", "max"):
             ends = {name: float(getattr(column.detach(), end)()) for name, column in columns.items()}
             some = {**given, **ends} if columns else given
-            values = checked_state(some, self._front_limit, self._rear_limit, label, self._own)
+            values = checked_state(some, *self._limits, label, self._own)
         return {name: columns[name] if name in columns else self.filled(value) for name, value in values.items()}
 
     def numbers(self, name: str, value: Any, low: float, high: float = math.inf) -> Tensor:

@@ -114,7 +114,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         tensors = (torch, self.fleet, self.num_envs, self.device, self.dtype)
         self._kernels = torch_kernels(*tensors, step_limit, self._compiled)
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
-        self._options = TorchOptions(torch, self.num_envs, self.device, self.dtype, *limits, self.model.own)
+        self._options = TorchOptions(torch, self.num_envs, self.device, self.dtype, limits, self.model.own)
 
     @functools.cached_property
     def observation_space(self) -> spaces.Space[Any]:  # type: ignore[override]
