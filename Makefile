@@ -21,7 +21,7 @@ help:
 	@echo "make stab                learn to catch the car with ten seeds: runs/BicycleStab-v0-ppo.json"
 	@echo "make lane-change         learn the lane change with five seeds: runs/BicycleLaneChange-v0-ppo.json (6 minutes)"
 	@echo "make controllers         all classical controllers on both tasks: runs/controllers_*.json"
-	@echo "make headroom            LQR as shipped, tuned for the condition, best found, bound: runs/headroom.json, .png (15 minutes)"
+	@echo "make headroom            every id and level: controllers tuned for it, best found, bound: runs/headroom.json, .png (an hour)"
 	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json"
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
