@@ -135,6 +135,8 @@ def study(args: Args, names: list[str], origin: dict[str, Any], bar: Progress) -
                     if name in jobs:
                         bar.remove_task(jobs.pop(name))
                     bar.advance(whole)
+                    room = parts[name]["room"]["value"]
+                    bar.console.print(f"{name}: room {100.0 * room:.1f} points, {len(parts)} of {len(names)} settings")
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
     return {name: parts[name] for name in names}

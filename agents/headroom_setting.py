@@ -26,7 +26,7 @@ CONTROLLERS = {
 }
 """That are tuned for a setting; the last one is where the searches begin."""
 FULL_STATE = {"BicycleActiveSteer-v0": {"observed": "state"}}
-"""Keywords with which a controller sees what the id does not show: its row stands twice."""
+"""Keywords with which a controller sees what the id does not show: the row of the last one stands twice."""
 BOUNDED = ("BicycleStab-v0",)
 """Ids for which the recoverable set bounds what any steering saves."""
 FRICTIONS = 3
@@ -53,12 +53,14 @@ class Extent(NamedTuple):
     reported: int
     """Starts of the controllers' rows."""
     searched: int
-    """The first of them, which the searches drive, too."""
+    """The first of them, which the search for steering drives, too."""
+    unknowing: int
+    """The first of these: of the search without knowing what is hidden."""
     tuning: int
     selection: int
     """Starts on which parameters are tuned, and on which the best of the restarts is chosen."""
     restarts: int
-    """Of a tuning; where the friction is known, of each interval a half of them."""
+    """Of a tuning; where the friction is known, one for each interval."""
     iterations: float
     """Of a tuning, a share of the usual ones."""
     draws: int
@@ -67,8 +69,8 @@ class Extent(NamedTuple):
     """Sequences per start and iteration."""
 
 
-FULL = Extent(2000, 200, 128, 1000, 5, 1.0, 32, 192)
-QUICK = Extent(200, 24, 64, 200, 1, 0.3, 8, 64)
+FULL = Extent(2000, 200, 100, 128, 1000, 5, 0.6, 32, 192)
+QUICK = Extent(200, 24, 12, 64, 200, 1, 0.3, 8, 64)
 
 Tell = Callable[[str, float, float], None]
 """``tell(what, done, total)``."""
@@ -113,8 +115,8 @@ class _Study:
         tuned = {name: self.tuned(f"{name}, tuned", name, {}) for name in names}
         best = max(names, key=lambda name: tuned[name].best.success_rate)
         if self.setting.env_id in FULL_STATE:
-            for name in names[1:]:
-                self.tuned(f"{name}, tuned, sees the state", name, FULL_STATE[self.setting.env_id])
+            name = names[-1]
+            self.tuned(f"{name}, tuned, sees the state", name, FULL_STATE[self.setting.env_id])
         friction = hidden_friction(self.plant.task)
         if friction is not None:
             self.knowing(names[-1], *friction)
@@ -156,7 +158,9 @@ class _Study:
         self.rows[name] = Row(outcomes, {**figures, **more})
 
     def tuning(self, name: str, keywords: Mapping[str, Any], restarts: int, what: str) -> optimum.Tuning:
-        iterations = max(2, round(self.extent.iterations * optimum.budget(control.tunable(name)).iterations))
+        law = control.tunable(name)
+        few = len(law.parameters) == 1  # a line is searched sooner than a space
+        iterations = max(2, round(self.extent.iterations * (10 if few else optimum.budget(law).iterations)))
         return optimum.tune(
             self.setting.env_id,
             {**self.setting.keywords, **keywords},
@@ -183,9 +187,8 @@ class _Study:
     def knowing(self, name: str, low: float, high: float, keywords_of: Callable[[float, float], Any]) -> None:
         """The same law with parameters for intervals of the friction, each start driven with those of its own."""
         edges = np.linspace(low, high, FRICTIONS + 1)
-        restarts = -(-self.extent.restarts // 2)
         found = [
-            self.tuning(name, keywords_of(*ends), restarts, f"tuning {name}, friction known")
+            self.tuning(name, keywords_of(*ends), 1, f"tuning {name}, friction known")
             for ends in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
         ]
         frictions = self.frictions()
@@ -209,10 +212,10 @@ class _Study:
             self.setting.env_id,
             self.setting.keywords,
             law,
-            self.searched,
+            self.searched[: self.extent.unknowing],
             draws=self.extent.draws,
             seed=self.search_seed,
-            progress=lambda done: self.tell(BLIND, done, len(self.searched)),
+            progress=lambda done: self.tell(BLIND, done, self.extent.unknowing),
         )
         own = np.array([one.parameters for one in found])
         laws = control.Candidates(type(law), self.plant, own, self.extent.draws)
@@ -223,10 +226,9 @@ class _Study:
     def redrawn(self, policy: control.Policy) -> Outcomes:
         """Of each searched start the means over other draws of what is hidden than those that were searched."""
         count = self.extent.draws
-        seeds = np.repeat(self.searched, count).tolist()
-        draws = [
-            one for start in self.searched for one in optimum.draws_of(start, 3 * count, self.search_seed)[2 * count :]
-        ]
+        starts = self.searched[: self.extent.unknowing]
+        seeds = np.repeat(starts, count).tolist()
+        draws = [one for start in starts for one in optimum.draws_of(start, 3 * count, self.search_seed)[2 * count :]]
         driven = optimum.drive(self.cars.of(len(seeds)), by(policy), seeds, draws)
         return Outcomes(*(np.reshape(column, (-1, count)).mean(axis=1) for column in driven))
 
@@ -286,7 +288,8 @@ class _Study:
         """What scores are made of: the best classical controller, and what stands above it, on the starts of both."""
         reference = BLIND if BLIND in self.rows else BEST
         mine = self.classical_redrawn if reference == BLIND else self.rows[classical].outcomes
-        above, n = self.rows[reference].outcomes, len(self.searched)
+        above = self.rows[reference].outcomes
+        n = len(above.success)
         difference = above.success.astype(float) - mine.success[:n].astype(float)
         room = {"value": float(np.mean(difference)), "interval": bootstrap(difference)}
         return {
