@@ -8,7 +8,7 @@ from __future__ import annotations
 from bicycle_env.optimum.outcomes import Cars, Outcome, Outcomes, by, drive, make_cars, replay
 from bicycle_env.optimum.parameter_search import OwnParameters, draws_of, search_parameters
 from bicycle_env.optimum.steering_search import Rescue, search_steering
-from bicycle_env.optimum.tuning import Budget, Candidate, Tuning, budget, tune
+from bicycle_env.optimum.tuning import Budget, Candidate, Space, Tuning, budget, tune
 
 __all__ = [
     "Budget",
@@ -18,6 +18,7 @@ __all__ = [
     "Outcomes",
     "OwnParameters",
     "Rescue",
+    "Space",
     "Tuning",
     "budget",
     "by",

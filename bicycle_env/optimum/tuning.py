@@ -12,11 +12,16 @@ from numpy.typing import NDArray
 from bicycle_env import control
 from bicycle_env.control import Candidates, Parameter, TunableLaw, TunablePolicy
 from bicycle_env.optimum.outcomes import Outcomes, drive, make_cars
+from bicycle_env.physics.validation import choice
 
 Matrix = NDArray[np.float64]
 
 ELITE = 0.2
 """Of the population."""
+SCORES = {"both": (1.0, 1.0), "success": (1.0, 0.0), "return": (0.0, 1.0)}
+"""What the success rate and the mean reward per step count."""
+NEAR = 1.0 / 3.0
+"""Of the usual deviation, about parameters from which a search begins."""
 
 
 class Budget(NamedTuple):
@@ -60,13 +65,15 @@ def tune(
     restarts: int = 5,
     iterations: int | None = None,
     seed: int = 0,
+    score: str = "both",
+    begin: Mapping[str, float] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Tuning:
     """Tune a controller's parameters for an environment.
 
     The cross-entropy method, several times from random places. A candidate's score is its success rate plus its mean
-    reward per step of a full episode. Each restart's last mean and best candidate are compared once more on other
-    starts, and so are the controller's usual parameters.
+    reward per step of a full episode, or one of the two. Each restart's last mean and best candidate are compared once
+    more on other starts, and so are the controller's usual parameters.
 
     Args:
         env_id: a registered id of this package.
@@ -77,11 +84,13 @@ def tune(
         restarts: how many times.
         iterations: of each; by default ``budget``'s.
         seed: of the random numbers; the same seed gives the same parameters on one machine.
+        score: "success", "return" or "both".
+        begin: parameters about which every restart begins, closer than about a random place.
         progress: called with how many iterations are done, and of how many.
 
     Raises:
-        ValueError, TypeError: an unknown controller, or one that cannot drive this environment; a keyword that the
-            environment refuses.
+        ValueError, TypeError: an unknown controller or score, or one that cannot drive this environment; a keyword that
+            the environment refuses.
         numpy.linalg.LinAlgError: no parameters gave a controller.
     """
     plant: Any = gym.make(env_id, **keywords).unwrapped
@@ -89,11 +98,13 @@ def tune(
     space = Space(control.searched(law, plant))
     population = budget(law).population
     iterations = iterations or budget(law).iterations
-    judge = _Judge(env_id, keywords, law, plant)
+    judge = _Judge(env_id, keywords, law, plant, choice("score", score, SCORES))
     finalists: list[Matrix] = []
     for restart in range(restarts):
         random = np.random.default_rng([seed, restart])
         mean, deviation = space.beginning(random)
+        if begin is not None:
+            mean, deviation = space.places(control.values_of(law, plant, begin)), NEAR * space.deviation
         best, best_score = mean, -np.inf
         for iteration in range(iterations):
             places = space.clipped(mean + deviation * random.standard_normal((population, len(mean))))
@@ -180,8 +191,11 @@ class Space:
 class _Judge:
     """Drives every candidate from the same starts, all in one vector environment."""
 
-    def __init__(self, env_id: str, keywords: Mapping[str, Any], law: type[TunablePolicy], plant: Any) -> None:
+    def __init__(
+        self, env_id: str, keywords: Mapping[str, Any], law: type[TunablePolicy], plant: Any, score: str
+    ) -> None:
         self._env_id, self._keywords, self._law, self._plant = env_id, keywords, law, plant
+        self._score = SCORES[score]
         self._cars: dict[int, Any] = {}
 
     def outcomes(self, values: Matrix, seeds: Sequence[int]) -> list[Outcomes | None]:
@@ -198,8 +212,11 @@ class _Judge:
         ]
 
     def scores(self, outcomes: Sequence[Outcomes | None]) -> Matrix:
-        """Success rate plus mean reward per step of a full episode; -inf for None."""
-        steps = self._plant.task.episode_steps
+        """Success rate plus mean reward per step of a full episode, or one of the two; -inf for None."""
+        won, paid = self._score[0], self._score[1] / self._plant.task.episode_steps
         return np.array(
-            [-np.inf if one is None else np.mean(one.success) + np.mean(one.episode_return) / steps for one in outcomes]
+            [
+                -np.inf if one is None else won * np.mean(one.success) + paid * np.mean(one.episode_return)
+                for one in outcomes
+            ]
         )

@@ -12,8 +12,8 @@ from agents import tune as command
 from agents.episodes import start_seeds
 from bicycle_env import control
 from bicycle_env.control import lqr, tuned_weights
-from bicycle_env.optimum import budget, tune
-from bicycle_env.optimum.tuning import Space
+from bicycle_env.optimum import Space, budget, tune
+from bicycle_env.optimum.tuning import NEAR, SCORES
 
 TUNE, SELECT = start_seeds(24, 0, "tune"), start_seeds(100, 0, "select")
 SCORE = 1.0, 1.0 / 400
@@ -119,6 +119,23 @@ def test_where_a_search_begins():
     assert Space(weights).values(np.array([[2.0, 0.0, 0.5, 1.0, -1.0]])).tolist() == [[100.0, 1.0, 3.162, 10.0, 0.1]]
 
 
+def test_a_search_climbs_what_it_is_told_to_from_where_it_is_told_to():
+    shipped = tuned_weights("stabilise")._asdict()
+    begin = {name: shipped[name] for name in ("heading", "sideslip", "yaw_rate", "front_command", "rear_command")}
+    given = {"restarts": 2, "iterations": 1, "begin": begin}
+    found = {score: tune("BicycleStab-v0", {}, "lqr", TUNE, SELECT, score=score, **given) for score in SCORES}
+    for score, (won, paid) in SCORES.items():
+        one = found[score]
+        scores = [
+            won * row.success_rate + paid * row.mean_return / 400 for row in (one.best, one.shipped, *one.restarts)
+        ]
+        assert scores[0] == max(scores)
+        for row in one.restarts:  # within three deviations of the search about a place, half a decade and less
+            far = [abs(np.log10(row.parameters[name] / begin[name])) for name in begin]
+            assert 0.0 < max(far) < 3.0 * NEAR * 3.5 / 3.0
+    assert found["return"].restarts != found["success"].restarts
+
+
 def test_a_law_has_more_iterations_than_a_design():
     assert budget(control.EvadePath) > budget(control.LQR)
 
@@ -134,3 +151,8 @@ def test_a_law_has_more_iterations_than_a_design():
 def test_what_cannot_be_tuned_is_refused(controller, keywords, words):
     with pytest.raises(ValueError, match=words):
         tune("BicycleStab-v0", keywords, controller, [0], [1])
+
+
+def test_an_unknown_score_is_refused():
+    with pytest.raises(ValueError, match=r"score must be one of .*did you mean 'return'"):
+        tune("BicycleStab-v0", {}, "lqr", [0], [1], score="returns")

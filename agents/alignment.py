@@ -1,0 +1,381 @@
+"""Does the reward ask for what success judges? Shown before anything is trained.
+
+    python -m agents.alignment --json results/alignment.json
+    python -m agents.alignment --env-id BicycleEvade-v0 --env-keywords '{"steer": "both"}'
+
+Ranks: the tuned classical controller is made worse in six ways, each in many degrees; of these policies 24 are chosen,
+by their success on starts that select, as evenly as they are to be had from 5 to 95 %. Their mean returns must rank
+them as their success does: Spearman's correlation at least 0.9. Search: the cross-entropy method on the controller's
+parameters, from the tuned ones on, climbs the return; it may lose at most two points of success against the same
+search, budget and seeds, that climbs success.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+from scipy.stats import spearmanr
+
+from agents import messages
+from agents.episodes import start_seeds
+from agents.evaluate import console_for_tables, make_env, parse_keywords
+from agents.messages import UserError
+from agents.statistics import bootstrap, mean, share
+from bicycle_env import control, optimum, plots, provenance
+from bicycle_env.files import write_json
+from bicycle_env.plots.style import dress, line_style
+
+Array = NDArray[Any]
+
+CONTROLLERS = {
+    "BicycleStab-v0": "lqr",
+    "BicycleLaneChange-v0": "lqr",
+    "BicycleDoubleLaneChange-v0": "lqr",
+    "BicycleActiveSteer-v0": "rear-switched",
+    "BicycleEvade-v0": "evade-path",
+}
+"""Of each id its best classical one."""
+LEAST_CORRELATION, MOST_LOST = 0.9, 0.02
+SPREAD = (0.05, 0.95)
+"""Of the success of the policies that are ranked."""
+POLICIES, LEAST_POLICIES = 24, 20
+DEGREES = 24
+"""Of each family; from all of them the policies are chosen."""
+FAMILIES = {
+    "parameters": (0.1, 10.0, "parameters moved at random, by so many deviations of a search for them"),
+    "signals": (0.03, 3.0, "each entry of the observation times 1 + a random number of this standard deviation"),
+    "weaker": (0.02, 1.0, "the action smaller by this share"),
+    "harsher": (0.1, 100.0, "the action larger by this share"),
+    "noise": (0.1, 10.0, "random numbers of this standard deviation added to the action"),
+    "late": (1.0, 60.0, "the action this many steps late"),
+}
+"""Least and greatest degree, and what is worse."""
+APART = ("noise", "harsher")
+"""Families that are also left out: noise ends in failures that cost little return, and harsh steering costs return and
+no success."""
+HELD = 10
+"""Steps that an added random number is held, so that the actuators feel it."""
+ONCE_MORE = 0.01
+"""How much farther from an even spread a policy may be, for each policy that its family has less."""
+SELECTING, SEARCHES, ITERATIONS, TUNING_STARTS, SELECTION_STARTS = 128, 3, 10, 128, 1000
+"""Starts by which the policies are chosen; how many policy searches, and what each may use."""
+
+
+@dataclass
+class Args:
+    """Compare what the reward asks for with what success judges."""
+
+    env_id: str = ""
+    """One environment id; by default all that are registered."""
+    env_keywords: str = "{}"
+    """Keywords of the environment as JSON, for example '{"steer": "both"}'."""
+    starts: int = 2000
+    """Starts that a policy is judged by, the same for all."""
+    seed: int = 1
+    """Seed of the starts, the policies and the searches."""
+    json: Path | None = None
+    """Write the figures to this file, and beside it a picture."""
+
+
+class Variant(NamedTuple):
+    """A policy: the controller with what is wrong with it."""
+
+    family: str
+    degree: float
+    values: Array
+    """(parameters,)."""
+    factors: Array
+    """(entries,) of the observation."""
+    gain: float = 1.0
+    noise: float = 0.0
+    late: int = 0
+
+
+class Bench:
+    """Drives variants of one controller in one environment."""
+
+    def __init__(self, env_id: str, keywords: dict[str, Any]) -> None:
+        self.env_id, self.keywords = env_id, keywords
+        self.plant: Any = make_env(env_id, keywords).unwrapped
+        self.controller = control.tunable(CONTROLLERS[env_id])
+        usual = self.controller.usual(self.plant)
+        if usual is None:
+            raise UserError(f"{self.controller.name} was not tuned for {env_id} with {json.dumps(keywords)}")
+        self.values = control.values_of(self.controller, self.plant, usual)
+        names = [one.name for one in control.searched(self.controller, self.plant)]
+        self.tuned = dict(zip(names, self.values.tolist(), strict=True))
+        self._cars: dict[int, Any] = {}
+
+    def variants(self, seed: int) -> list[Variant]:
+        """``DEGREES`` of each family."""
+        space = optimum.Space(control.searched(self.controller, self.plant))
+        sound = np.ones(len(self.plant.observation_names))
+        made = []
+        for place, (family, (least, most, _)) in enumerate(FAMILIES.items()):
+            random = np.random.default_rng([seed, place])
+            for degree in np.geomspace(least, most, DEGREES).tolist():
+                one = Variant(family, degree, self.values, sound)
+                if family == "parameters":
+                    moved = space.places(self.values) + degree * space.deviation * random.standard_normal(len(self.values))
+                    one = one._replace(values=space.values(space.clipped(moved[None]))[0])
+                elif family == "signals":
+                    one = one._replace(factors=sound + degree * random.standard_normal(len(sound)))
+                elif family in ("weaker", "harsher"):
+                    one = one._replace(gain=1.0 - degree if family == "weaker" else 1.0 + degree)
+                elif family == "noise":
+                    one = one._replace(noise=degree)
+                else:
+                    one = one._replace(late=round(degree))
+                made.append(one)
+        return made
+
+    def drive(self, variants: Sequence[Variant], seeds: Sequence[int], random: np.random.Generator) -> Array:
+        """(2, variants, starts): success and return, every variant from the same starts."""
+        each = len(seeds)
+        count = len(variants) * each
+        if count not in self._cars:
+            self._cars[count] = optimum.make_cars(self.env_id, self.keywords, count)
+        cars = self._cars[count]
+        policy = control.Candidates(self.controller, self.plant, np.array([one.values for one in variants]), each)
+        factors = np.repeat([one.factors for one in variants], each, axis=0)
+        gain, noise = np.repeat([(one.gain, one.noise) for one in variants], each, axis=0).T[:, :, None]
+        late, rows = np.repeat([one.late for one in variants], each), np.arange(count)
+        sent = np.zeros((late.max() + 1, *cars.action_space.shape), np.float32)
+        added = np.zeros(cars.action_space.shape)
+
+        def act(observation: Array, step: int) -> Array:
+            if step % HELD == 0 and noise.any():
+                added[:] = noise * random.standard_normal(added.shape)
+            sent[step % len(sent)] = np.clip(gain * policy.act(observation * factors) + added, -1.0, 1.0)
+            found: Array = sent[(step - late) % len(sent), rows]
+            return found
+
+        driven = optimum.drive(cars, act, [*seeds] * len(variants))
+        return np.array([driven.success, driven.episode_return]).reshape(2, len(variants), each)
+
+
+def evenly(success: Array, families: Sequence[str]) -> list[int]:
+    """Which policies to rank: for each of ``POLICIES`` aims one with about that success, of the families alike many."""
+    low, high = SPREAD
+    left = {k for k in range(len(success)) if low <= success[k] <= high}
+    chosen: list[int] = []
+    taken: Counter[str] = Counter()
+    for aim in np.linspace(low, max((success[k] for k in left), default=high), POLICIES):
+        if left:
+            best = min(left, key=lambda k: (abs(success[k] - aim) + ONCE_MORE * taken[families[k]], k))
+            chosen.append(best)
+            taken[families[best]] += 1
+            left.remove(best)
+    return chosen
+
+
+def correlation(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Spearman's of success and return, with its 95 % bootstrap interval over policies."""
+
+    def spearman(pairs: Array) -> float:
+        return float(spearmanr(pairs[:, 0], pairs[:, 1]).statistic)
+
+    pairs = np.array([[row[name]["value"] for name in ("success_rate", "episode_return")] for row in rows])
+    return {"value": spearman(pairs), "interval": bootstrap(pairs, spearman)}
+
+
+def ranks(bench: Bench, args: Args, done: Callable[[], None]) -> dict[str, Any]:
+    """The policies, and how their returns rank them."""
+    variants = bench.variants(args.seed)
+    families = [one.family for one in variants]
+    selecting, success = start_seeds(SELECTING, args.seed, "select"), []
+    for first in range(0, len(variants), DEGREES):
+        random = np.random.default_rng([args.seed, first])
+        success += bench.drive(variants[first : first + DEGREES], selecting, random)[0].mean(axis=1).tolist()
+        done()
+    reported, rows = start_seeds(args.starts, args.seed), []
+    for k in evenly(np.array(success), families):
+        won, returns = bench.drive([variants[k]], reported, np.random.default_rng([args.seed, k]))[:, 0]
+        rows.append(
+            {
+                "family": families[k],
+                "degree": float(f"{variants[k].degree:.4g}"),
+                "success_rate": share(won),
+                "episode_return": mean(returns),
+            }
+        )
+        done()
+    return {
+        "policies": rows,
+        "correlation": correlation(rows),
+        "correlation_without": correlation([row for row in rows if row["family"] not in APART]),
+    }
+
+
+def search(bench: Bench, args: Args, done: Callable[[], None]) -> dict[str, Any]:
+    """What a search on return loses against one on success."""
+    reported, found = start_seeds(args.starts, args.seed), {}
+    for score in ("success", "return"):
+        found[score] = optimum.tune(
+            bench.env_id,
+            bench.keywords,
+            bench.controller.name,
+            start_seeds(TUNING_STARTS, args.seed, "tune"),
+            start_seeds(SELECTION_STARTS, args.seed, "select"),
+            restarts=SEARCHES,
+            iterations=ITERATIONS,
+            seed=args.seed,
+            score=score,
+            begin=bench.tuned,
+            progress=lambda *_: done(),
+        ).restarts
+    sound = np.ones(len(bench.plant.observation_names))
+    driven = {}
+    for score, parameters in {
+        "tuned": [bench.tuned],
+        **{s: [one.parameters for one in found[s]] for s in found},
+    }.items():
+        values = [control.values_of(bench.controller, bench.plant, one) for one in parameters]
+        variants = [Variant("", 0.0, value, sound) for value in values]
+        driven[score] = np.concatenate(
+            [bench.drive([one], reported, np.random.default_rng(0)) for one in variants], axis=1
+        )
+    lost = driven["success"][0] - driven["return"][0]
+    return {
+        **{
+            score: {
+                "success_rate": mean(one[0].mean(axis=0)),
+                "episode_return": mean(one[1].mean(axis=0)),
+                "success_rates": one[0].mean(axis=1).tolist(),
+                **({"parameters": [candidate.parameters for candidate in found[score]]} if score in found else {}),
+            }
+            for score, one in driven.items()
+        },
+        "lost": {**mean(lost.mean(axis=0)), "range": [lost.mean(axis=1).min(), lost.mean(axis=1).max()]},
+    }
+
+
+def verdict(row: dict[str, Any]) -> str:
+    """ "yes", or what the reward fails."""
+    failed = []
+    if len(row["policies"]) < LEAST_POLICIES:
+        failed.append(f"{len(row['policies'])} policies")
+    if not row["correlation"]["value"] >= LEAST_CORRELATION:
+        failed.append("ranks")
+    if row["search"]["lost"]["value"] > MOST_LOST:
+        failed.append("search")
+    return "no: " + ", ".join(failed) if failed else "yes"
+
+
+def study(env_id: str, keywords: dict[str, Any], args: Args) -> dict[str, Any]:
+    """Everything about one environment."""
+    begin = time.perf_counter()
+    bench = Bench(env_id, keywords)
+    with messages.progress() as bar:
+        job = bar.add_task(env_id, total=len(FAMILIES) + POLICIES + 2 * SEARCHES * ITERATIONS)
+        ranked = ranks(bench, args, lambda: bar.advance(job))
+        row = {"controller": bench.controller.name, **ranked, "search": search(bench, args, lambda: bar.advance(job))}
+    return {**row, "aligned": verdict(row), "seconds": round(time.perf_counter() - begin, 1)}
+
+
+def table(rows: dict[str, dict[str, Any]]) -> Table:
+    """For people."""
+    shown = Table(box=box.SIMPLE_HEAD, title_justify="left", title="value [95 % interval]")
+    columns = (
+        "correlation",
+        f"without\n{', '.join(APART)}",
+        "search on\nsuccess [%]",
+        "on return\n[%]",
+        "lost\n[points]",
+    )
+    for name in ("environment", "policies", *columns, "aligned", "s"):
+        shown.add_column(name, justify="left" if name in ("environment", "aligned") else "right")
+    for env_id, row in rows.items():
+        rates = [one["success_rate"]["value"] for one in row["policies"]]
+        one = row["search"]
+        shown.add_row(
+            env_id,
+            f"{len(rates)}, {100 * min(rates):.0f} to {100 * max(rates):.0f} %",
+            *(cell(row[name], 1.0, ".3f") for name in ("correlation", "correlation_without")),
+            *(cell(one[score]["success_rate"]) for score in ("success", "return")),
+            cell(one["lost"]),
+            row["aligned"],
+            f"{row['seconds']:.0f}",
+        )
+    return shown
+
+
+def cell(figure: dict[str, Any], factor: float = 100.0, form: str = ".1f") -> str:
+    """A value, and below it its interval."""
+    low, high = (factor * end for end in figure["interval"])
+    return f"{factor * figure['value']:{form}}\n[{low:{form}}, {high:{form}}]"
+
+
+def picture(rows: dict[str, dict[str, Any]], path: Path) -> None:
+    """Return against success, a panel for each id."""
+    height, width = -(-len(rows) // 3), min(3, len(rows))
+    figure = plots.new_figure(
+        max(4.2 * width, 7.5), 3.6 * height + 1.2, "Does a policy with a higher return save more starts?"
+    )
+    axes = figure.subplots(height, width, squeeze=False).ravel()
+    for axis, (env_id, row) in zip(axes, rows.items(), strict=False):
+        for k, family in enumerate(FAMILIES):
+            own = [one for one in row["policies"] if one["family"] == family]
+            x, y = ([one[name]["value"] for one in own] for name in ("success_rate", "episode_return"))
+            axis.plot(100 * np.array(x), y, "os^vDP"[k], color=line_style(k).color, label=family, markersize=6)
+        for score, marker in (("success", "*"), ("return", "x")):
+            one = row["search"][score]
+            axis.plot(
+                100 * one["success_rate"]["value"], one["episode_return"]["value"], marker, color="black",
+                markersize=11 if marker == "*" else 8, label=f"found by search on {score}",
+            )  # fmt: skip
+        value = row["correlation"]["value"]
+        dress(axis, xlabel="starts that succeed [%]", ylabel="mean return", xlim=(0, 102))
+        axis.set_title(f"{env_id}\nrank correlation {value:.3f}", fontsize="medium")
+    for axis in axes[len(rows) :]:
+        axis.set_axis_off()
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, title="what was made worse")
+    plots.save(figure, path)
+
+
+def main() -> None:
+    args = tyro.cli(Args, prog="python -m agents.alignment", description=__doc__)
+    messages.check_least(args, starts=1, seed=0)
+    messages.check_output("--json", args.json)
+    if args.env_id and args.env_id not in CONTROLLERS:
+        raise UserError(f"--env-id must be one of {', '.join(CONTROLLERS)}; got {args.env_id!r}")
+    keywords = parse_keywords(args.env_keywords)
+    if keywords and not args.env_id:
+        raise UserError("--env-keywords needs --env-id: the ids do not share their keywords")
+    begin = time.perf_counter()
+    rows = {env_id: study(env_id, keywords, args) for env_id in ([args.env_id] if args.env_id else CONTROLLERS)}
+    console = console_for_tables()
+    console.print(table(rows))
+    if args.json is not None:
+        write_json(
+            args.json,
+            {
+                "command": f"python -m agents.alignment --starts {args.starts} --seed {args.seed}"
+                + (f" --env-id {args.env_id}" if args.env_id else "")
+                + (f" --env-keywords '{args.env_keywords}'" if keywords else ""),
+                **provenance.collect(),
+                "seconds": round(time.perf_counter() - begin, 1),
+                "seed": args.seed,
+                "starts": args.starts,
+                "env_keywords": keywords,
+                "environments": rows,
+            },
+        )
+        picture(rows, args.json.with_suffix(".png"))
+        console.print(f"figures: {args.json}, picture: {args.json.with_suffix('.png').name}")
+
+
+if __name__ == "__main__":
+    messages.run(main)

@@ -1,0 +1,127 @@
+"""The study of the rewards: what it ranks, what it says, one line for a mistake, a tiny study."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents import alignment, statistics
+from agents.messages import UserError
+from bicycle_env.registration import ENVIRONMENTS
+
+RESULTS = Path(__file__).parents[2] / "results"
+
+
+def row(family, success, episode_return):
+    return {"family": family, "success_rate": {"value": success}, "episode_return": {"value": episode_return}}
+
+
+def test_the_correlation_is_that_of_the_ranks(monkeypatch):
+    monkeypatch.setattr(statistics, "RESAMPLES", 100)
+    rows = [row("late", 0.01 * k, np.exp(k)) for k in range(8)]
+    assert alignment.correlation(rows) == {"value": pytest.approx(1.0), "interval": pytest.approx((1.0, 1.0))}
+    rows[2], rows[3] = row("late", 0.02, np.exp(3)), row("late", 0.03, np.exp(2))
+    found = alignment.correlation(rows)
+    assert found["value"] == pytest.approx(1.0 - 6.0 * 2.0 / (8 * 63))  # 1 - 6 sum d^2 / (n (n^2 - 1))
+    assert found["interval"][0] < found["value"] <= found["interval"][1]
+    assert alignment.correlation([row("late", 0.1 * k, -k) for k in range(5)])["value"] == pytest.approx(-1.0)
+
+
+def test_policies_are_chosen_evenly_and_of_all_families():
+    success = np.tile(np.linspace(0.0, 1.0, 101), 2)
+    families = ["weaker"] * 101 + ["late"] * 101
+    chosen = alignment.evenly(success, families)
+    assert len(set(chosen)) == alignment.POLICIES
+    found = np.sort(success[chosen])
+    assert found[0] == pytest.approx(0.05)
+    assert found[-1] == pytest.approx(0.94)
+    assert np.max(np.diff(found)) < 0.06
+    assert sum(families[k] == "late" for k in chosen) == alignment.POLICIES // 2
+    assert alignment.evenly(np.array([0.0, 1.0]), ["late", "late"]) == []
+
+
+@pytest.mark.parametrize(
+    ("count", "correlation", "lost", "words"),
+    [
+        (20, 0.9, 0.02, "yes"),
+        (19, 0.9, 0.02, "no: 19 policies"),
+        (20, 0.89, 0.021, "no: ranks, search"),
+        (20, np.nan, -0.1, "no: ranks"),
+    ],
+)
+def test_the_verdict_names_what_fails(count, correlation, lost, words):
+    found = {"policies": [{}] * count, "correlation": {"value": correlation}, "search": {"lost": {"value": lost}}}
+    assert alignment.verdict(found) == words
+
+
+def test_every_registered_id_has_a_controller():
+    assert list(alignment.CONTROLLERS) == [one.id for one in ENVIRONMENTS]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--starts", "0"], "--starts must be at least 1, got 0"),
+        (["--env-id", "BicycleStab-v1"], "--env-id must be one of BicycleStab-v0, "),
+        (["--env-keywords", '{"steer": "rear"}'], "--env-keywords needs --env-id"),
+        (["--env-id", "BicycleEvade-v0", "--env-keywords", '{"steer": "sideways"}'], "'sideways'"),
+    ],
+)
+def test_a_mistake_is_one_line(words, text, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["alignment", *words])
+    with pytest.raises(UserError, match=text) as caught:
+        alignment.main()
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_wrong_with_a_policy_is_what_drives():
+    """Not moved, the tuned controller; late, its actions of before; weaker, less of them."""
+    bench = alignment.Bench("BicycleStab-v0", {})
+    tuned = alignment.Variant("", 0.0, bench.values, np.ones(len(bench.plant.observation_names)))
+    variants = [tuned, tuned._replace(gain=0.0), tuned._replace(late=200), tuned._replace(gain=0.3), tuned]
+    success, returns = bench.drive(variants, list(range(40)), np.random.default_rng(0))
+    assert success[0].mean() > 0.5
+    assert np.array_equal(returns[0], returns[4])
+    assert np.array_equal(success[1], success[2])  # actions of 0 until every car is lost
+    assert not success[1].any()
+    assert 0.0 < success[3].mean() < success[0].mean()
+    families = {one.family for one in bench.variants(0)}
+    assert families == set(alignment.FAMILIES)
+
+
+@pytest.mark.exhaustive
+def test_a_tiny_study(tmp_path, monkeypatch, capsys):
+    for name, value in {"DEGREES": 4, "SELECTING": 32, "SEARCHES": 2, "ITERATIONS": 1, "TUNING_STARTS": 4}.items():
+        monkeypatch.setattr(alignment, name, value)
+    monkeypatch.setattr(alignment, "SELECTION_STARTS", 32)
+    out = tmp_path / "alignment.json"
+    words = ["--env-id", "BicycleActiveSteer-v0", "--env-keywords", '{"observed": "state"}', "--starts", "32"]
+    monkeypatch.setattr("sys.argv", ["alignment", *words, "--json", str(out)])
+    alignment.main()
+    assert "BicycleActiveSteer-v0" in capsys.readouterr().out
+    content = json.loads(out.read_text())
+    assert content["command"] == (
+        "python -m agents.alignment --starts 32 --seed 1 --env-id BicycleActiveSteer-v0 "
+        '--env-keywords \'{"observed": "state"}\''
+    )
+    assert {"date", "machine", "versions", "git", "seconds"} <= set(content)
+    found = content["environments"]["BicycleActiveSteer-v0"]
+    assert found["aligned"].startswith("no: ")
+    assert len(found["search"]["return"]["success_rates"]) == 2
+    low, high = found["search"]["lost"]["range"]
+    assert low <= found["search"]["lost"]["value"] <= high
+    assert out.with_suffix(".png").stat().st_size > 10_000
+
+
+def test_the_committed_figures_are_of_every_id_and_say_what_made_them():
+    content = json.loads((RESULTS / "alignment.json").read_text())
+    assert {"command", "date", "machine", "versions", "git", "seed", "starts"} <= set(content)
+    assert content["starts"] >= 2000
+    assert list(content["environments"]) == list(alignment.CONTROLLERS)
+    for found in content["environments"].values():
+        assert len(found["policies"]) >= alignment.LEAST_POLICIES
+        assert found["correlation"]["value"] == alignment.correlation(found["policies"])["value"]
+        assert found["aligned"] == alignment.verdict(found)
