@@ -10,7 +10,7 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all lint lock stab lane-change controllers headroom entry-speed tensors results benchmark benchmark-vector compat gymnasium-versions clean
+.PHONY: help demo test test-all lint lock stab lane-change controllers headroom entry-speed alignment tensors results benchmark benchmark-vector compat gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/*.png"
@@ -23,6 +23,7 @@ help:
 	@echo "make controllers         all classical controllers on both tasks: runs/controllers_*.json"
 	@echo "make headroom            every id and level: controllers tuned for it, best found, bound: runs/headroom.json, .png (an hour)"
 	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json"
+	@echo "make alignment           does the reward ask for what success judges: runs/alignment.json, .png (10 minutes)"
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
 	@echo "make tensors             TorchVectorEnv beside the native environment: runs/torch_env.json"
@@ -75,6 +76,9 @@ headroom: $(VENV)/.installed-demo
 entry-speed: $(VENV)/.installed-test
 	$(BIN)/python -m agents.entry_speed --json $(OUT)/entry_speed.json
 
+alignment: $(VENV)/.installed-demo
+	$(BIN)/python -m agents.alignment --json $(OUT)/alignment.json
+
 benchmark: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/single_env.py --json $(OUT)/single_env.json
 
@@ -88,7 +92,7 @@ tensors: $(VENV)/.installed-demo
 
 # A row of the benchmarks that falls short here stands in its table, marked: the rest is made all the same.
 results:
-	$(MAKE) OUT=results demo stab lane-change controllers headroom entry-speed tensors
+	$(MAKE) OUT=results demo stab lane-change controllers headroom entry-speed alignment tensors
 	-$(MAKE) OUT=results benchmark
 	-$(MAKE) OUT=results benchmark-vector
 	mv results/performance.png docs/performance.png

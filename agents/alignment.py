@@ -53,14 +53,15 @@ POLICIES, LEAST_POLICIES = 24, 20
 DEGREES = 24
 """Of each family; from all of them the policies are chosen."""
 FAMILIES = {
-    "parameters": (0.1, 10.0, "parameters moved at random, by so many deviations of a search for them"),
-    "signals": (0.03, 3.0, "each entry of the observation times 1 + a random number of this standard deviation"),
-    "weaker": (0.02, 1.0, "the action smaller by this share"),
-    "harsher": (0.1, 100.0, "the action larger by this share"),
-    "noise": (0.1, 10.0, "random numbers of this standard deviation added to the action"),
-    "late": (1.0, 60.0, "the action this many steps late"),
+    "parameters": (0.1, 10.0, "parameters moved"),
+    "signals": (0.03, 3.0, "observation scaled wrongly"),
+    "weaker": (0.02, 1.0, "action smaller"),
+    "harsher": (0.1, 100.0, "action larger"),
+    "noise": (0.1, 10.0, "action noisy"),
+    "late": (1.0, 60.0, "action late"),
 }
-"""Least and greatest degree, and what is worse."""
+"""Least and greatest degree, and what is worse. A degree is how far parameters are moved, in deviations of a search for
+them; the standard deviation of random factors or noise; the share by which the action changes; or steps."""
 APART = ("noise", "harsher")
 """Families that are also left out: noise ends in failures that cost little return, and harsh steering costs return and
 no success."""
@@ -324,20 +325,24 @@ def picture(rows: dict[str, dict[str, Any]], path: Path) -> None:
         max(4.2 * width, 7.5), 3.6 * height + 1.2, "Does a policy with a higher return save more starts?"
     )
     axes = figure.subplots(height, width, squeeze=False).ravel()
+    less = ", ".join(repr(FAMILIES[family][2]) for family in APART)
     for axis, (env_id, row) in zip(axes, rows.items(), strict=False):
         for k, family in enumerate(FAMILIES):
             own = [one for one in row["policies"] if one["family"] == family]
             x, y = ([one[name]["value"] for one in own] for name in ("success_rate", "episode_return"))
-            axis.plot(100 * np.array(x), y, "os^vDP"[k], color=line_style(k).color, label=family, markersize=6)
+            axis.plot(
+                100 * np.array(x), y, "os^vDP"[k], color=line_style(k).color, label=FAMILIES[family][2], markersize=6
+            )
         for score, marker in (("success", "*"), ("return", "x")):
             one = row["search"][score]
             axis.plot(
                 100 * one["success_rate"]["value"], one["episode_return"]["value"], marker, color="black",
                 markersize=11 if marker == "*" else 8, label=f"found by search on {score}",
             )  # fmt: skip
-        value = row["correlation"]["value"]
+        value, without = (row[name]["value"] for name in ("correlation", "correlation_without"))
         dress(axis, xlabel="starts that succeed [%]", ylabel="mean return", xlim=(0, 102))
-        axis.set_title(f"{env_id}\nrank correlation {value:.3f}", fontsize="medium")
+        words = f"{env_id}\nrank correlation {value:.3f}\n(without {less}: {without:.3f})"
+        axis.set_title(words, fontsize="medium")
     for axis in axes[len(rows) :]:
         axis.set_axis_off()
     handles, labels = axes[0].get_legend_handles_labels()
