@@ -22,7 +22,7 @@ from bicycle_env.files import read_json
 from bicycle_env.registration import ENVIRONMENTS
 
 ROOT = Path(__file__).parent.parent
-PAGES = ("README.md", "docs/performance.md", "docs/levels.md", "docs/headroom.md")
+PAGES = ("README.md", "docs/performance.md", "docs/levels.md", "docs/headroom.md", "docs/benchmark.md")
 DEGREES = 57.29577951308232
 
 
@@ -273,6 +273,26 @@ def entry_speed() -> str:
     return "\n".join([*lines, "", made(result, more)])
 
 
+def alignment() -> str:
+    result = read("alignment.json")
+    heads = ("policies", "rank correlation", "without noise and harsher", "search on success [%]", "search on return [%]")
+    lines = ["| id | " + " | ".join(heads) + " | lost [points] | aligned |", "|---" * (len(heads) + 3) + "|"]
+    for name, row in result["environments"].items():
+        rates = [100 * one["success_rate"]["value"] for one in row["policies"]]
+        cells = [
+            f"{len(rates)}: {min(rates):.0f} to {max(rates):.0f} %",
+            *(cell(row, key, form=".3f") for key in ("correlation", "correlation_without")),
+            *(cell(row["search"][score], "success_rate", 100) for score in ("success", "return")),
+            cell(row["search"], "lost", 100),
+        ]
+        lines.append(f"| `{name}` | " + " | ".join(cells) + f" | {row['aligned']} |")
+    more = (
+        f"{result['starts']} starts for every policy, {result['seconds']:.0f} s in all; `results/alignment.json`. In "
+        "brackets: 95 % intervals, of the correlations over policies, of the rest over starts."
+    )
+    return "\n".join([*lines, "", made(result, more)])
+
+
 def levels() -> str:
     """Not of results: of the tasks themselves."""
     lines = ["| id | level | numbers |", "|---|---|---|"]
@@ -326,6 +346,7 @@ TABLES = {
         controllers_stab,
         controllers_lane_change,
         levels,
+        alignment,
     )
 }
 

@@ -82,11 +82,14 @@ def test_what_is_wrong_with_a_policy_is_what_drives():
     bench = alignment.Bench("BicycleStab-v0", {})
     tuned = alignment.Variant("", 0.0, bench.values, np.ones(len(bench.plant.observation_names)))
     variants = [tuned, tuned._replace(gain=0.0), tuned._replace(late=200), tuned._replace(gain=0.3), tuned]
+    variants += [tuned._replace(factors=0.0 * tuned.factors), tuned._replace(noise=0.3)]
     success, returns = bench.drive(variants, list(range(40)), np.random.default_rng(0))
     assert success[0].mean() > 0.5
     assert np.array_equal(returns[0], returns[4])
-    assert np.array_equal(success[1], success[2])  # actions of 0 until every car is lost
+    for k in (2, 5):  # actions of 0 until every car is lost
+        assert np.array_equal(returns[1], returns[k])
     assert not success[1].any()
+    assert success[6].mean() < success[0].mean()
     assert 0.0 < success[3].mean() < success[0].mean()
     families = {one.family for one in bench.variants(0)}
     assert families == set(alignment.FAMILIES)
