@@ -116,7 +116,7 @@ class Bench:
         self.values = control.values_of(self.controller, self.plant, usual)
         names = [one.name for one in control.searched(self.controller, self.plant)]
         self.tuned = dict(zip(names, self.values.tolist(), strict=True))
-        self._cars: dict[int, Any] = {}
+        self._cars = optimum.Cars(env_id, keywords)
 
     def variants(self, seed: int) -> list[Variant]:
         """``DEGREES`` of each family."""
@@ -128,7 +128,9 @@ class Bench:
             for degree in np.geomspace(least, most, DEGREES).tolist():
                 one = Variant(family, degree, self.values, sound)
                 if family == "parameters":
-                    moved = space.places(self.values) + degree * space.deviation * random.standard_normal(len(self.values))
+                    moved = space.places(self.values) + degree * space.deviation * random.standard_normal(
+                        len(self.values)
+                    )
                     one = one._replace(values=space.values(space.clipped(moved[None]))[0])
                 elif family == "signals":
                     one = one._replace(factors=sound + degree * random.standard_normal(len(sound)))
@@ -145,9 +147,7 @@ class Bench:
         """(2, variants, starts): success and return, every variant from the same starts."""
         each = len(seeds)
         count = len(variants) * each
-        if count not in self._cars:
-            self._cars[count] = optimum.make_cars(self.env_id, self.keywords, count)
-        cars = self._cars[count]
+        cars = self._cars.of(count)
         policy = control.Candidates(self.controller, self.plant, np.array([one.values for one in variants]), each)
         factors = np.repeat([one.factors for one in variants], each, axis=0)
         gain, noise = np.repeat([(one.gain, one.noise) for one in variants], each, axis=0).T[:, :, None]

@@ -275,7 +275,13 @@ def entry_speed() -> str:
 
 def alignment() -> str:
     result = read("alignment.json")
-    heads = ("policies", "rank correlation", "without noise and harsher", "search on success [%]", "search on return [%]")
+    heads = (
+        "policies",
+        "rank correlation",
+        "without noise and harsher",
+        "search on success [%]",
+        "search on return [%]",
+    )
     lines = ["| id | " + " | ".join(heads) + " | lost [points] | aligned |", "|---" * (len(heads) + 3) + "|"]
     for name, row in result["environments"].items():
         rates = [100 * one["success_rate"]["value"] for one in row["policies"]]
