@@ -3,7 +3,7 @@
     python -m agents.alignment --json results/alignment.json
     python -m agents.alignment --env-id BicycleEvade-v0 --env-keywords '{"steer": "both"}'
 
-Ranks: the tuned classical controller is made worse in six ways, each in many degrees; of these policies 24 are chosen,
+Ranks: the tuned classical controller is made worse in six ways, each to many degrees; of these policies 24 are chosen,
 by their success on starts that select, as evenly as they are to be had from 5 to 95 %. Their mean returns must rank
 them as their success does: Spearman's correlation at least 0.9. Search: the cross-entropy method on the controller's
 parameters, from the tuned ones on, climbs the return; it may lose at most two points of success against the same
@@ -12,7 +12,9 @@ search, budget and seeds, that climbs success.
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -50,8 +52,10 @@ LEAST_CORRELATION, MOST_LOST = 0.9, 0.02
 SPREAD = (0.05, 0.95)
 """Of the success of the policies that are ranked."""
 POLICIES, LEAST_POLICIES = 24, 20
-DEGREES = 24
-"""Of each family; from all of them the policies are chosen."""
+RAYS = {"parameters": 4, "signals": 4}
+"""Random directions of the families that have any; of the others one."""
+DEGREES, ROUNDS, BATCH = 8, 4, 24
+"""Of each ray, at first; then in each round a batch more, where success changes most from one to the next."""
 FAMILIES = {
     "parameters": (0.1, 10.0, "parameters moved"),
     "signals": (0.03, 3.0, "observation scaled wrongly"),
@@ -118,30 +122,26 @@ class Bench:
         self.tuned = dict(zip(names, self.values.tolist(), strict=True))
         self._cars = optimum.Cars(env_id, keywords)
 
-    def variants(self, seed: int) -> list[Variant]:
-        """``DEGREES`` of each family."""
-        space = optimum.Space(control.searched(self.controller, self.plant))
-        sound = np.ones(len(self.plant.observation_names))
-        made = []
-        for place, (family, (least, most, _)) in enumerate(FAMILIES.items()):
-            random = np.random.default_rng([seed, place])
-            for degree in np.geomspace(least, most, DEGREES).tolist():
-                one = Variant(family, degree, self.values, sound)
-                if family == "parameters":
-                    moved = space.places(self.values) + degree * space.deviation * random.standard_normal(
-                        len(self.values)
-                    )
-                    one = one._replace(values=space.values(space.clipped(moved[None]))[0])
-                elif family == "signals":
-                    one = one._replace(factors=sound + degree * random.standard_normal(len(sound)))
-                elif family in ("weaker", "harsher"):
-                    one = one._replace(gain=1.0 - degree if family == "weaker" else 1.0 + degree)
-                elif family == "noise":
-                    one = one._replace(noise=degree)
-                else:
-                    one = one._replace(late=round(degree))
-                made.append(one)
-        return made
+    def rays(self, seed: int) -> list[tuple[str, Array]]:
+        """Families with a direction, (parameters,) or (entries,), where they have one."""
+        random, found = np.random.default_rng(seed), []
+        for family in FAMILIES:
+            count = len(self.values) if family == "parameters" else len(self.plant.observation_names)
+            found += [(family, random.standard_normal(count)) for _ in range(RAYS.get(family, 1))]
+        return found
+
+    def variant(self, family: str, direction: Array, degree: float) -> Variant:
+        """The controller made worse."""
+        one = Variant(family, degree, self.values, np.ones(len(self.plant.observation_names)))
+        if family == "parameters":
+            space = optimum.Space(control.searched(self.controller, self.plant))
+            moved = space.places(self.values) + degree * space.deviation * direction
+            return one._replace(values=space.values(space.clipped(moved[None]))[0])
+        if family == "signals":
+            return one._replace(factors=one.factors + degree * direction)
+        if family in ("weaker", "harsher"):
+            return one._replace(gain=1.0 - degree if family == "weaker" else 1.0 + degree)
+        return one._replace(noise=degree) if family == "noise" else one._replace(late=round(degree))
 
     def drive(self, variants: Sequence[Variant], seeds: Sequence[int], random: np.random.Generator) -> Array:
         """(2, variants, starts): success and return, every variant from the same starts."""
@@ -166,6 +166,43 @@ class Bench:
         return np.array([driven.success, driven.episode_return]).reshape(2, len(variants), each)
 
 
+def pool(bench: Bench, args: Args, done: Callable[[], None]) -> tuple[list[Variant], list[float]]:
+    """Policies to choose from, and their success on the starts that select."""
+    seeds, rays = start_seeds(SELECTING, args.seed, "select"), bench.rays(args.seed)
+    found: dict[tuple[int, float], float] = {}
+    variants: dict[tuple[int, float], Variant] = {}
+    pending = [(k, degree) for k, ray in enumerate(rays) for degree in degrees(ray[0])]
+    for turn in range(1 + ROUNDS):
+        for first in range(0, len(pending), BATCH):
+            places = pending[first : first + BATCH]
+            driven = [bench.variant(*rays[k], degree) for k, degree in places]
+            random = np.random.default_rng([args.seed, turn, first])
+            variants |= zip(places, driven, strict=True)
+            found |= zip(places, bench.drive(driven, seeds, random)[0].mean(axis=1).tolist(), strict=True)
+            done()
+        pending = between(found, {k for k, ray in enumerate(rays) if ray[0] == "late"})
+    return [variants[place] for place in found], list(found.values())
+
+
+def degrees(family: str) -> list[float]:
+    """Those that a ray begins with."""
+    least, most, _ = FAMILIES[family]
+    found = np.geomspace(least, most, DEGREES)
+    return sorted(set(np.round(found).tolist())) if family == "late" else found.tolist()
+
+
+def between(found: dict[tuple[int, float], float], whole: set[int]) -> list[tuple[int, float]]:
+    """Rays and degrees of the next round: the middles of the largest changes of success that the spread sees."""
+    gaps = []
+    for (ray, low), (other, high) in itertools.pairwise(sorted(found)):
+        middle = math.sqrt(low * high)
+        middle = float(round(middle)) if ray in whole else middle
+        if ray == other and low < middle < high:
+            seen = np.clip([found[ray, low], found[ray, high]], *SPREAD)
+            gaps.append((-abs(seen[1] - seen[0]), ray, middle))
+    return [gap[1:] for gap in sorted(gaps)[:BATCH] if gap[0] < 0.0]
+
+
 def evenly(success: Array, families: Sequence[str]) -> list[int]:
     """Which policies to rank: for each of ``POLICIES`` aims one with about that success, of the families alike many."""
     low, high = SPREAD
@@ -182,24 +219,22 @@ def evenly(success: Array, families: Sequence[str]) -> list[int]:
 
 
 def correlation(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Spearman's of success and return, with its 95 % bootstrap interval over policies."""
+    """Spearman's of success and return, with its 95 % bootstrap interval over policies; 0 where they have no order."""
 
     def spearman(pairs: Array) -> float:
-        return float(spearmanr(pairs[:, 0], pairs[:, 1]).statistic)
+        known = len(pairs) > 2 and np.all(np.ptp(pairs, axis=0) > 0.0)
+        return float(spearmanr(pairs[:, 0], pairs[:, 1]).statistic) if known else 0.0
 
-    pairs = np.array([[row[name]["value"] for name in ("success_rate", "episode_return")] for row in rows])
+    pairs = np.array([[row[name]["value"] for name in ("success_rate", "episode_return")] for row in rows]).reshape(
+        -1, 2
+    )
     return {"value": spearman(pairs), "interval": bootstrap(pairs, spearman)}
 
 
 def ranks(bench: Bench, args: Args, done: Callable[[], None]) -> dict[str, Any]:
     """The policies, and how their returns rank them."""
-    variants = bench.variants(args.seed)
+    variants, success = pool(bench, args, done)
     families = [one.family for one in variants]
-    selecting, success = start_seeds(SELECTING, args.seed, "select"), []
-    for first in range(0, len(variants), DEGREES):
-        random = np.random.default_rng([args.seed, first])
-        success += bench.drive(variants[first : first + DEGREES], selecting, random)[0].mean(axis=1).tolist()
-        done()
     reported, rows = start_seeds(args.starts, args.seed), []
     for k in evenly(np.array(success), families):
         won, returns = bench.drive([variants[k]], reported, np.random.default_rng([args.seed, k]))[:, 0]
@@ -279,7 +314,7 @@ def study(env_id: str, keywords: dict[str, Any], args: Args) -> dict[str, Any]:
     begin = time.perf_counter()
     bench = Bench(env_id, keywords)
     with messages.progress() as bar:
-        job = bar.add_task(env_id, total=len(FAMILIES) + POLICIES + 2 * SEARCHES * ITERATIONS)
+        job = bar.add_task(env_id, total=4 + ROUNDS + POLICIES + 2 * SEARCHES * ITERATIONS)
         ranked = ranks(bench, args, lambda: bar.advance(job))
         row = {"controller": bench.controller.name, **ranked, "search": search(bench, args, lambda: bar.advance(job))}
     return {**row, "aligned": verdict(row), "seconds": round(time.perf_counter() - begin, 1)}

@@ -27,6 +27,7 @@ def test_the_correlation_is_that_of_the_ranks(monkeypatch):
     found = alignment.correlation(rows)
     assert found["value"] == pytest.approx(1.0 - 6.0 * 2.0 / (8 * 63))  # 1 - 6 sum d^2 / (n (n^2 - 1))
     assert found["interval"][0] < found["value"] <= found["interval"][1]
+    assert alignment.correlation([row("late", 0.5, 1.0)] * 5)["value"] == 0.0
     assert alignment.correlation([row("late", 0.1 * k, -k) for k in range(5)])["value"] == pytest.approx(-1.0)
 
 
@@ -41,6 +42,12 @@ def test_policies_are_chosen_evenly_and_of_all_families():
     assert np.max(np.diff(found)) < 0.06
     assert sum(families[k] == "late" for k in chosen) == alignment.POLICIES // 2
     assert alignment.evenly(np.array([0.0, 1.0]), ["late", "late"]) == []
+
+
+def test_more_degrees_stand_where_success_changes():
+    found = {(0, 1.0): 1.0, (0, 4.0): 0.5, (0, 16.0): 0.45, (1, 1.0): 0.96, (1, 9.0): 1.0, (2, 2.0): 0.9, (2, 3.0): 0.1}
+    assert alignment.between(found, {2}) == [(0, 2.0), (0, 8.0)]
+    assert alignment.between(found, set()) == [(2, pytest.approx(6.0**0.5)), (0, 2.0), (0, 8.0)]
 
 
 @pytest.mark.parametrize(
@@ -91,13 +98,23 @@ def test_what_is_wrong_with_a_policy_is_what_drives():
     assert not success[1].any()
     assert success[6].mean() < success[0].mean()
     assert 0.0 < success[3].mean() < success[0].mean()
-    families = {one.family for one in bench.variants(0)}
-    assert families == set(alignment.FAMILIES)
+    made = [bench.variant(*ray, alignment.degrees(ray[0])[-1]) for ray in bench.rays(0)]
+    assert {one.family for one in made} == set(alignment.FAMILIES)
+    for one in made:
+        changed = [not np.array_equal(new, old) for new, old in zip(one[2:], tuned[2:], strict=True)]
+        assert sum(changed) == 1
 
 
 @pytest.mark.exhaustive
 def test_a_tiny_study(tmp_path, monkeypatch, capsys):
-    for name, value in {"DEGREES": 4, "SELECTING": 32, "SEARCHES": 2, "ITERATIONS": 1, "TUNING_STARTS": 4}.items():
+    for name, value in {
+        "DEGREES": 2,
+        "ROUNDS": 1,
+        "SELECTING": 32,
+        "SEARCHES": 2,
+        "ITERATIONS": 1,
+        "TUNING_STARTS": 4,
+    }.items():
         monkeypatch.setattr(alignment, name, value)
     monkeypatch.setattr(alignment, "SELECTION_STARTS", 32)
     out = tmp_path / "alignment.json"
