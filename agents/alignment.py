@@ -12,15 +12,11 @@ search, budget and seeds, that climbs success.
 
 from __future__ import annotations
 
-import itertools
-import json
-import math
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import tyro
@@ -31,9 +27,10 @@ from scipy.stats import spearmanr
 
 from agents import messages
 from agents.episodes import start_seeds
-from agents.evaluate import console_for_tables, make_env, parse_keywords
+from agents.evaluate import console_for_tables, parse_keywords
 from agents.messages import UserError
 from agents.statistics import bootstrap, mean, share
+from agents.worsened import FAMILIES, POLICIES, ROUNDS, Bench, Variant, evenly, pool
 from bicycle_env import control, optimum, plots, provenance
 from bicycle_env.files import write_json
 from bicycle_env.plots.style import dress, line_style
@@ -49,32 +46,12 @@ CONTROLLERS = {
 }
 """Of each id its best classical one."""
 LEAST_CORRELATION, MOST_LOST = 0.9, 0.02
-SPREAD = (0.05, 0.95)
-"""Of the success of the policies that are ranked."""
-POLICIES, LEAST_POLICIES = 24, 20
-RAYS = {"parameters": 4, "signals": 4}
-"""Random directions of the families that have any; of the others one."""
-DEGREES, ROUNDS, BATCH = 8, 4, 24
-"""Of each ray, at first; then in each round a batch more, where success changes most from one to the next."""
-FAMILIES = {
-    "parameters": (0.1, 10.0, "parameters moved"),
-    "signals": (0.03, 3.0, "observation scaled wrongly"),
-    "weaker": (0.02, 1.0, "action smaller"),
-    "harsher": (0.1, 100.0, "action larger"),
-    "noise": (0.1, 10.0, "action noisy"),
-    "late": (1.0, 60.0, "action late"),
-}
-"""Least and greatest degree, and what is worse. A degree is how far parameters are moved, in deviations of a search for
-them; the standard deviation of random factors or noise; the share by which the action changes; or steps."""
+LEAST_POLICIES = 20
 APART = ("noise", "harsher")
 """Families that are also left out: noise ends in failures that cost little return, and harsh steering costs return and
 no success."""
-HELD = 10
-"""Steps that an added random number is held, so that the actuators feel it."""
-ONCE_MORE = 0.01
-"""How much farther from an even spread a policy may be, for each policy that its family has less."""
-SELECTING, SEARCHES, ITERATIONS, TUNING_STARTS, SELECTION_STARTS = 128, 3, 10, 128, 1000
-"""Starts by which the policies are chosen; how many policy searches, and what each may use."""
+SEARCHES, ITERATIONS, TUNING_STARTS, SELECTION_STARTS = 3, 10, 128, 1000
+"""How many policy searches, and what each may use."""
 
 
 @dataclass
@@ -93,131 +70,6 @@ class Args:
     """Write the figures to this file, and beside it a picture."""
 
 
-class Variant(NamedTuple):
-    """A policy: the controller with what is wrong with it."""
-
-    family: str
-    degree: float
-    values: Array
-    """(parameters,)."""
-    factors: Array
-    """(entries,) of the observation."""
-    gain: float = 1.0
-    noise: float = 0.0
-    late: int = 0
-
-
-class Bench:
-    """Drives variants of one controller in one environment."""
-
-    def __init__(self, env_id: str, keywords: dict[str, Any]) -> None:
-        self.env_id, self.keywords = env_id, keywords
-        self.plant: Any = make_env(env_id, keywords).unwrapped
-        self.controller = control.tunable(CONTROLLERS[env_id])
-        usual = self.controller.usual(self.plant)
-        if usual is None:
-            raise UserError(f"{self.controller.name} was not tuned for {env_id} with {json.dumps(keywords)}")
-        self.values = control.values_of(self.controller, self.plant, usual)
-        names = [one.name for one in control.searched(self.controller, self.plant)]
-        self.tuned = dict(zip(names, self.values.tolist(), strict=True))
-        self._cars = optimum.Cars(env_id, keywords)
-
-    def rays(self, seed: int) -> list[tuple[str, Array]]:
-        """Families with a direction, (parameters,) or (entries,), where they have one."""
-        random, found = np.random.default_rng(seed), []
-        for family in FAMILIES:
-            count = len(self.values) if family == "parameters" else len(self.plant.observation_names)
-            found += [(family, random.standard_normal(count)) for _ in range(RAYS.get(family, 1))]
-        return found
-
-    def variant(self, family: str, direction: Array, degree: float) -> Variant:
-        """The controller made worse."""
-        one = Variant(family, degree, self.values, np.ones(len(self.plant.observation_names)))
-        if family == "parameters":
-            space = optimum.Space(control.searched(self.controller, self.plant))
-            moved = space.places(self.values) + degree * space.deviation * direction
-            return one._replace(values=space.values(space.clipped(moved[None]))[0])
-        if family == "signals":
-            return one._replace(factors=one.factors + degree * direction)
-        if family in ("weaker", "harsher"):
-            return one._replace(gain=1.0 - degree if family == "weaker" else 1.0 + degree)
-        return one._replace(noise=degree) if family == "noise" else one._replace(late=round(degree))
-
-    def drive(self, variants: Sequence[Variant], seeds: Sequence[int], random: np.random.Generator) -> Array:
-        """(2, variants, starts): success and return, every variant from the same starts."""
-        each = len(seeds)
-        count = len(variants) * each
-        cars = self._cars.of(count)
-        policy = control.Candidates(self.controller, self.plant, np.array([one.values for one in variants]), each)
-        factors = np.repeat([one.factors for one in variants], each, axis=0)
-        gain, noise = np.repeat([(one.gain, one.noise) for one in variants], each, axis=0).T[:, :, None]
-        late, rows = np.repeat([one.late for one in variants], each), np.arange(count)
-        sent = np.zeros((late.max() + 1, *cars.action_space.shape), np.float32)
-        added = np.zeros(cars.action_space.shape)
-
-        def act(observation: Array, step: int) -> Array:
-            if step % HELD == 0 and noise.any():
-                added[:] = noise * random.standard_normal(added.shape)
-            sent[step % len(sent)] = np.clip(gain * policy.act(observation * factors) + added, -1.0, 1.0)
-            found: Array = sent[(step - late) % len(sent), rows]
-            return found
-
-        driven = optimum.drive(cars, act, [*seeds] * len(variants))
-        return np.array([driven.success, driven.episode_return]).reshape(2, len(variants), each)
-
-
-def pool(bench: Bench, args: Args, done: Callable[[], None]) -> tuple[list[Variant], list[float]]:
-    """Policies to choose from, and their success on the starts that select."""
-    seeds, rays = start_seeds(SELECTING, args.seed, "select"), bench.rays(args.seed)
-    found: dict[tuple[int, float], float] = {}
-    variants: dict[tuple[int, float], Variant] = {}
-    pending = [(k, degree) for k, ray in enumerate(rays) for degree in degrees(ray[0])]
-    for turn in range(1 + ROUNDS):
-        for first in range(0, len(pending), BATCH):
-            places = pending[first : first + BATCH]
-            driven = [bench.variant(*rays[k], degree) for k, degree in places]
-            random = np.random.default_rng([args.seed, turn, first])
-            variants |= zip(places, driven, strict=True)
-            found |= zip(places, bench.drive(driven, seeds, random)[0].mean(axis=1).tolist(), strict=True)
-            done()
-        pending = between(found, {k for k, ray in enumerate(rays) if ray[0] == "late"})
-    return [variants[place] for place in found], list(found.values())
-
-
-def degrees(family: str) -> list[float]:
-    """Those that a ray begins with."""
-    least, most, _ = FAMILIES[family]
-    found = np.geomspace(least, most, DEGREES)
-    return sorted(set(np.round(found).tolist())) if family == "late" else found.tolist()
-
-
-def between(found: dict[tuple[int, float], float], whole: set[int]) -> list[tuple[int, float]]:
-    """Rays and degrees of the next round: the middles of the largest changes of success that the spread sees."""
-    gaps = []
-    for (ray, low), (other, high) in itertools.pairwise(sorted(found)):
-        middle = math.sqrt(low * high)
-        middle = float(round(middle)) if ray in whole else middle
-        if ray == other and low < middle < high:
-            seen = np.clip([found[ray, low], found[ray, high]], *SPREAD)
-            gaps.append((-abs(seen[1] - seen[0]), ray, middle))
-    return [gap[1:] for gap in sorted(gaps)[:BATCH] if gap[0] < 0.0]
-
-
-def evenly(success: Array, families: Sequence[str]) -> list[int]:
-    """Which policies to rank: for each of ``POLICIES`` aims one with about that success, of the families alike many."""
-    low, high = SPREAD
-    left = {k for k in range(len(success)) if low <= success[k] <= high}
-    chosen: list[int] = []
-    taken: Counter[str] = Counter()
-    for aim in np.linspace(low, max((success[k] for k in left), default=high), POLICIES):
-        if left:
-            best = min(left, key=lambda k: (abs(success[k] - aim) + ONCE_MORE * taken[families[k]], k))
-            chosen.append(best)
-            taken[families[best]] += 1
-            left.remove(best)
-    return chosen
-
-
 def correlation(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Spearman's of success and return, with its 95 % bootstrap interval over policies; 0 where they have no order."""
 
@@ -233,7 +85,7 @@ def correlation(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def ranks(bench: Bench, args: Args, done: Callable[[], None]) -> dict[str, Any]:
     """The policies, and how their returns rank them."""
-    variants, success = pool(bench, args, done)
+    variants, success = pool(bench, args.seed, done)
     families = [one.family for one in variants]
     reported, rows = start_seeds(args.starts, args.seed), []
     for k in evenly(np.array(success), families):
@@ -312,7 +164,7 @@ def verdict(row: dict[str, Any]) -> str:
 def study(env_id: str, keywords: dict[str, Any], args: Args) -> dict[str, Any]:
     """Everything about one environment."""
     begin = time.perf_counter()
-    bench = Bench(env_id, keywords)
+    bench = Bench(env_id, keywords, CONTROLLERS[env_id])
     with messages.progress() as bar:
         job = bar.add_task(env_id, total=4 + ROUNDS + POLICIES + 2 * SEARCHES * ITERATIONS)
         ranked = ranks(bench, args, lambda: bar.advance(job))

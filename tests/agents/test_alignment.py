@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents import alignment, statistics
+from agents import alignment, statistics, worsened
 from agents.messages import UserError
 from bicycle_env.registration import ENVIRONMENTS
 
@@ -34,20 +34,20 @@ def test_the_correlation_is_that_of_the_ranks(monkeypatch):
 def test_policies_are_chosen_evenly_and_of_all_families():
     success = np.tile(np.linspace(0.0, 1.0, 101), 2)
     families = ["weaker"] * 101 + ["late"] * 101
-    chosen = alignment.evenly(success, families)
-    assert len(set(chosen)) == alignment.POLICIES
+    chosen = worsened.evenly(success, families)
+    assert len(set(chosen)) == worsened.POLICIES
     found = np.sort(success[chosen])
     assert found[0] == pytest.approx(0.05)
     assert found[-1] == pytest.approx(0.94)
     assert np.max(np.diff(found)) < 0.06
-    assert sum(families[k] == "late" for k in chosen) == alignment.POLICIES // 2
-    assert alignment.evenly(np.array([0.0, 1.0]), ["late", "late"]) == []
+    assert sum(families[k] == "late" for k in chosen) == worsened.POLICIES // 2
+    assert worsened.evenly(np.array([0.0, 1.0]), ["late", "late"]) == []
 
 
 def test_more_degrees_stand_where_success_changes():
     found = {(0, 1.0): 1.0, (0, 4.0): 0.5, (0, 16.0): 0.45, (1, 1.0): 0.96, (1, 9.0): 1.0, (2, 2.0): 0.9, (2, 3.0): 0.1}
-    assert alignment.between(found, {2}) == [(0, 2.0), (0, 8.0)]
-    assert alignment.between(found, set()) == [(2, pytest.approx(6.0**0.5)), (0, 2.0), (0, 8.0)]
+    assert worsened.between(found, {2}) == [(0, 2.0), (0, 8.0)]
+    assert worsened.between(found, set()) == [(2, pytest.approx(6.0**0.5)), (0, 2.0), (0, 8.0)]
 
 
 @pytest.mark.parametrize(
@@ -86,8 +86,8 @@ def test_a_mistake_is_one_line(words, text, monkeypatch):
 
 def test_what_is_wrong_with_a_policy_is_what_drives():
     """Not moved, the tuned controller; late, its actions of before; weaker, less of them."""
-    bench = alignment.Bench("BicycleStab-v0", {})
-    tuned = alignment.Variant("", 0.0, bench.values, np.ones(len(bench.plant.observation_names)))
+    bench = worsened.Bench("BicycleStab-v0", {}, "lqr")
+    tuned = worsened.Variant("", 0.0, bench.values, np.ones(len(bench.plant.observation_names)))
     variants = [tuned, tuned._replace(gain=0.0), tuned._replace(late=200), tuned._replace(gain=0.3), tuned]
     variants += [tuned._replace(factors=0.0 * tuned.factors), tuned._replace(noise=0.3)]
     success, returns = bench.drive(variants, list(range(40)), np.random.default_rng(0))
@@ -98,8 +98,8 @@ def test_what_is_wrong_with_a_policy_is_what_drives():
     assert not success[1].any()
     assert success[6].mean() < success[0].mean()
     assert 0.0 < success[3].mean() < success[0].mean()
-    made = [bench.variant(*ray, alignment.degrees(ray[0])[-1]) for ray in bench.rays(0)]
-    assert {one.family for one in made} == set(alignment.FAMILIES)
+    made = [bench.variant(*ray, worsened.degrees(ray[0])[-1]) for ray in bench.rays(0)]
+    assert {one.family for one in made} == set(worsened.FAMILIES)
     for one in made:
         changed = [not np.array_equal(new, old) for new, old in zip(one[2:], tuned[2:], strict=True)]
         assert sum(changed) == 1
@@ -107,16 +107,10 @@ def test_what_is_wrong_with_a_policy_is_what_drives():
 
 @pytest.mark.exhaustive
 def test_a_tiny_study(tmp_path, monkeypatch, capsys):
-    for name, value in {
-        "DEGREES": 2,
-        "ROUNDS": 1,
-        "SELECTING": 32,
-        "SEARCHES": 2,
-        "ITERATIONS": 1,
-        "TUNING_STARTS": 4,
-    }.items():
+    for name, value in {"DEGREES": 2, "ROUNDS": 1, "SELECTING": 32}.items():
+        monkeypatch.setattr(worsened, name, value)
+    for name, value in {"SEARCHES": 2, "ITERATIONS": 1, "TUNING_STARTS": 4, "SELECTION_STARTS": 32}.items():
         monkeypatch.setattr(alignment, name, value)
-    monkeypatch.setattr(alignment, "SELECTION_STARTS", 32)
     out = tmp_path / "alignment.json"
     words = ["--env-id", "BicycleActiveSteer-v0", "--env-keywords", '{"observed": "state"}', "--starts", "32"]
     monkeypatch.setattr("sys.argv", ["alignment", *words, "--json", str(out)])
