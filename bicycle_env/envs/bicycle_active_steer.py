@@ -63,7 +63,7 @@ class BicycleActiveSteerEnv(SingleTrackEnv):
         r_ref = (U / L) d / (1 + 0.0015 U^2), within +-0.85 friction g / U
 
     with the true speed and friction, d what the driver alone has made of the front wheels. A spin, a yaw rate that was
-    too large and a displacement that was too small cost 5.0 each, once. At the time-out nothing is added.
+    too large and a displacement that was too small cost 30.0 each, once. At the time-out nothing is added.
 
     `reward="quadratic"`: as in BicycleStab-v0 with x = (lateral_position, heading, lateral_velocity, yaw_rate,
     front_steer, rear_steer), Q = diag(0.0, 0.1, 0.01, 10.0, 0.0, 0.0), R = diag(0.1).

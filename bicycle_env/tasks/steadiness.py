@@ -52,7 +52,8 @@ class Steadiness(rewards.Reward):
     free_sideslip: float = 0.05
     smoothness_weight: float = 0.05
     settling_weight: float = 100.0
-    failure: float = 5.0
+    failure: float = 30.0
+    """What a whole episode pays at most: with less, a search on the return gives successes away (agents.alignment)."""
 
     def __post_init__(self) -> None:
         check_fields(self, **{field.name: (0.0,) for field in dataclasses.fields(self)[1:]})

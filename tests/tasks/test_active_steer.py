@@ -217,7 +217,7 @@ def test_the_reward_by_hand():
                 "end": float(info["end"] != ""),
             }
             events |= {name for name, value in lost.items() if value}
-            assert reward == pytest.approx(0.1 / (1.0 + cost) - 5.0 * sum(lost.values()), rel=1e-9, abs=1e-12)
+            assert reward == pytest.approx(0.1 / (1.0 + cost) - 30.0 * sum(lost.values()), rel=1e-9, abs=1e-12)
             last = np.array([after.front_correction / limits[0], after.rear_steer_command / limits[1]])
     assert events == {"fast", "short", "end"}
 
