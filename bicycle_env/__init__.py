@@ -11,7 +11,7 @@ from bicycle_env.physics import tires
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.presets import register_vehicle, vehicles
 from bicycle_env.physics.vehicle import UnitWarning, Vehicle
-from bicycle_env.registration import register
+from bicycle_env.registration import check_task, register
 from bicycle_env.simulation import simulate
 from bicycle_env.tasks import distributions, disturbances, drivers, rewards
 from bicycle_env.tasks.sensors import Sensors
@@ -25,6 +25,7 @@ __all__ = [
     "Vehicle",
     "__version__",
     "analysis",
+    "check_task",
     "distributions",
     "disturbances",
     "drivers",

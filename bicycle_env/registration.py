@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
+from bicycle_env.physics.validation import whole
+
 
 class Row(NamedTuple):
     """One environment id. Defaults live in the constructors: gym.make merges these keywords with the user's."""
@@ -85,6 +87,30 @@ def register(id: str, task: Any, max_episode_steps: int | None = None) -> None:
     single, many = registered_tasks.add(id, task)
     gym.registry.pop(id, None)
     gym.register(id, entry_point=single, vector_entry_point=many, max_episode_steps=steps)
+
+
+def check_task(id: str, *, cars: int = 8, seed: int = 0, **keywords: Any) -> tuple[str, ...]:
+    """Try what every environment of this package promises on one of a task of one's own.
+
+    One car and the same among many: to the bit. On tensors, where torch is installed: a step to 1e-12. The mirror
+    image: exactly, unless the task has none. A picture, where pygame is installed. Random actions, whole episodes.
+
+    Args:
+        id: as ``gym.make`` takes it, ``"my_task:Mine/Gusty-v0"`` too.
+        cars: how many are driven.
+        seed: of starts and actions.
+        **keywords: of the environment, ``level="hard"`` for example.
+
+    Returns:
+        A line about each.
+
+    Raises:
+        ValueError: the first promise that is not kept: in which number, of which car, after how many steps.
+        TypeError, gymnasium.error.Error: what ``gym.make`` raises.
+    """
+    from bicycle_env.envs.agreement import check_task as tried
+
+    return tried(id, whole("cars", cars), whole("seed", seed, 0), keywords)
 
 
 _register_own()

@@ -10,7 +10,7 @@ import numpy as np
 
 import bicycle_env  # noqa: F401 (registers the environments)
 from bicycle_env import control
-from bicycle_env.tasks.rewards import Reward
+from bicycle_env.tasks import Reward
 
 
 @dataclasses.dataclass(frozen=True)

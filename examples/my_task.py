@@ -16,12 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import bicycle_env
-from bicycle_env.physics.car import CarParameters, CarState
-from bicycle_env.physics.records import replaced
-from bicycle_env.tasks.episode import Reference, state_record
-from bicycle_env.tasks.metrics import SHARED, Metric
-from bicycle_env.tasks.rewards import Bounded
-from bicycle_env.tasks.stabilise import Stabilise
+from bicycle_env.tasks import SHARED, Bounded, CarParameters, CarState, Metric, Reference, Stabilise, replaced
 
 
 class Gust(NamedTuple):
@@ -31,17 +26,13 @@ class Gust(NamedTuple):
     wind_force: Any  # N, to the left
 
 
-# What env.unwrapped.state shows: the car, both commands, the time, then these.
-State = state_record("State", Gust)
-
-
 @dataclasses.dataclass(frozen=True)
 class Gusty(Stabilise):
     """Run straight through a narrow place while the wind blows across 20 m of the road."""
 
     name = "gusty"
     episode_steps = 200
-    TaskState, State, flipped = Gust, State, ("wind_force",)  # in the mirror image the wind comes from the other side
+    TaskState, flipped = Gust, ("wind_force",)  # in the mirror image the wind comes from the other side
     uniforms = 3
     uniform_corridor = False  # each corner of the body is judged at its own place
     ends = ("spun", "left_road", "too_far")

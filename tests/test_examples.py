@@ -14,9 +14,13 @@ import torch
 from combinations import only_all
 from gymnasium.envs.registration import registry
 
+import bicycle_env
 from bicycle_env import control
 from bicycle_env.envs import TorchVectorEnv
+from bicycle_env.physics.car import CarState
 from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.tasks.checking import world_of
+from bicycle_env.tasks.episode import EpisodeState
 from bicycle_env.tasks.stabilise import Stabilise
 
 ROOT = Path(__file__).parents[1]
@@ -48,10 +52,12 @@ def run(*words, folder):
     return done.stdout
 
 
-@pytest.mark.parametrize("name", [only_all("my_task"), only_all("my_reward"), only_all("my_tire")])
+@pytest.mark.parametrize(
+    "name", [only_all("my_task"), only_all("my_slalom"), only_all("my_reward"), only_all("my_tire")]
+)
 def test_an_example_runs_as_its_docstring_says(name, tmp_path):
     printed = run(str(EXAMPLES / f"{name}.py"), folder=tmp_path)
-    assert "LQR" in printed or "success" in printed
+    assert "LQR" in printed or "success" in printed or "the same to the bit" in printed
     if "runs/" in (EXAMPLES / f"{name}.py").read_text():
         assert (tmp_path / "runs" / f"{name}.png").stat().st_size > 20_000
 
@@ -93,6 +99,72 @@ def test_the_narrow_place_is_judged_and_drawn():
         assert env.measure()["clearance"] == pytest.approx(min(edges) - 0.5 * env.vehicle.body_width, abs=1e-12)
     names = [metric.name for metric in task.metrics]
     assert names[-1] == "least_clearance"
+
+
+def slalom(**fields):
+    """The task, a world of it, and its path to the left."""
+    module = importlib.import_module("my_slalom")
+    task = module.Slalom(**fields)
+    return module, task, world_of(task), module.path_of(NUMPY, task.cones)
+
+
+@pytest.mark.parametrize("cones", [1, 4, 6])
+def test_the_slaloms_path_passes_each_cone_on_its_side(cones):
+    module, task, world, path = slalom(cones=cones)
+    apart = 0.5 * world.car.body_width + module.HALF_CONE + task.margin
+    x = task.first_cone + task.spacing * np.arange(-2.0, cones + 2.0)
+    y, slope = path(x, module.Run(1.0, module.FAR), world)
+    np.testing.assert_allclose(y, [0.0, 0.0, *(apart * (-1.0) ** k for k in range(cones)), 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(slope, 0.0, atol=1e-12)
+    x = np.linspace(0.0, 400.0, 40_001)
+    y, slope = path(x, module.Run(1.0, module.FAR), world)
+    np.testing.assert_allclose(np.gradient(y, x)[1:-1], slope[1:-1], atol=1e-3)
+
+
+def test_the_slalom_tells_the_next_cone_and_knows_the_touched():
+    module, task, world, path = slalom()
+    cone, remember = module.next_cone(NUMPY, task.cones), task.remember(NUMPY)
+    for place, expected in (
+        (0.0, (50.0, 1.0)),
+        (50.0 + 1.9, (50.0, 1.0)),
+        (53.0, (86.0, -1.0)),
+        (400.0, (230.0, -1.0)),
+    ):
+        assert cone(place, world.settings, 1.0, 2.0) == expected
+    run = module.Run(1.0, module.FAR)
+    for x, beside in ((50.0, True), (86.0, True), (68.0, False)):  # the path runs straight at the cones
+        y, slope = path(x, run, world)
+        state = CarState(x, y, np.arctan(slope), *(0.0,) * 4)
+        for across, clearance in ((0.0, 0.45), (-np.sign(y) * 0.5, -0.05)):
+            found = remember(
+                state._replace(lateral_position=y + across), EpisodeState(0.0, 0.0, 0, 0, run), None, world
+            )
+            assert found.least_clearance == pytest.approx(clearance if beside else module.FAR, abs=1e-12)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.filterwarnings("ignore:no weights were tuned:UserWarning")
+def test_the_slalom_is_passed_by_followers_of_its_path_and_not_by_chance():
+    importlib.import_module("my_slalom")
+    for direction in (1, "right"):
+        for name, word, passed in (("lqr", "", True), ("stanley", "", True), ("zero", "hit_cone", False)):
+            env = gym.make("Mine/Slalom-v0")
+            policy = control.make(name, env)
+            observation, _ = env.reset(seed=5, options={"direction": direction})
+            over = False
+            while not over:
+                observation, _, terminated, truncated, info = env.step(policy.act(observation))
+                over = terminated or truncated
+            assert (info["end"], info["is_success"]) == (word, passed)
+    env.reset(seed=0, options={"state": {"longitudinal_position": 300.0}})
+    assert env.step(np.zeros(1, np.float32))[4]["end"] == "hit_cone", "a car put behind the cones has passed none"
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("level", ["medium", "hard"])
+def test_the_slalom_keeps_what_every_environment_promises(level):
+    importlib.import_module("my_slalom")
+    assert len(bicycle_env.check_task("Mine/Slalom-v0", cars=4, level=level)) == 4
 
 
 def test_the_reward_is_paid():

@@ -125,6 +125,7 @@ NUMBA: elementary.Namespace = elementary.namespace(
     integer=integer,
     real=_double,
     table=tables(np.float64),
+    sqrt=np.sqrt,
 )
 
 

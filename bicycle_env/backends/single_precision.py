@@ -54,4 +54,5 @@ NUMBA_FLOAT32: elementary.Namespace = elementary.namespace(
     integer=integer,
     real=_single_of,
     table=tables(np.float32),
+    sqrt=np.sqrt,
 )

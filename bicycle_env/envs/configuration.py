@@ -123,9 +123,14 @@ class Configuration:
         return self.control_timestep * self.action_repeat
 
     @property
+    def steps_to_pass(self) -> int:
+        """How many control steps the way to a success takes at least."""
+        return math.ceil(self.task.seconds_to_pass(self.car) / self.control_timestep - 1e-9)
+
+    @property
     def steps_to_settle(self) -> int:
         """For how many control steps up to the time-out a car must have been settled: then it was a success."""
-        return math.ceil(self.task.settled_seconds / self.control_timestep - 1e-9)
+        return max(1, math.ceil(self.task.settled_seconds / self.control_timestep - 1e-9))
 
     def linear_model(self, quasi_static: bool = False) -> LinearModel:
         """What one step integrates, linearised at straight running; see :class:`Configured`."""

@@ -208,8 +208,7 @@ class ConfiguredFleet(Configured):
         car, settings = CarParameters(*map(frozen, fleet.car)), type(fleet.settings)(*map(frozen, fleet.settings))
         end_names = self.configuration.end_names
         tell(self, fleet=fleet._replace(car=car, settings=settings, **own), end_names=end_names, **own)
-        horizon, settling = fleet.origin.setup.horizon, self.configuration.steps_to_settle
-        remark(self.max_episode_steps, horizon, settling, self.reward.uses_horizon)
+        remark(self.max_episode_steps, fleet.origin.setup.horizon, self.configuration)
         bound, self._action_shape = self.configuration.observation_bound, (self.num_envs, self.configuration.axles)
         self.single_observation_space: spaces.Space[Any] = spaces.Box(-bound, bound, dtype=np.float32)
         self.single_action_space: spaces.Space[Any] = spaces.Box(-1.0, 1.0, self._action_shape[1:], np.float32)

@@ -9,6 +9,7 @@ from bicycle_env.envs.many.vector_env import SingleTrackVectorEnv
 from bicycle_env.envs.origin import check_levels
 from bicycle_env.envs.setup import check_names
 from bicycle_env.envs.single.single_track_env import SingleTrackEnv
+from bicycle_env.envs.telemetry import check_metrics
 from bicycle_env.physics.validation import whole
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.task import Task
@@ -23,9 +24,10 @@ def checked(task: Any, max_episode_steps: int | None) -> tuple[Task, int]:
         task = task()
     if not isinstance(task, Task):
         raise TypeError(f"task must be a bicycle_env.tasks.task.Task or a class of them, got {task!r}")
-    check(task)
     check_names(task)
+    check(task)
     check_levels(task)
+    check_metrics(task)
     return task, whole("max_episode_steps", task.episode_steps if max_episode_steps is None else max_episode_steps)
 
 

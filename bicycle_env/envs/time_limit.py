@@ -32,17 +32,22 @@ def resolve_horizon(given: int | None, limit: int | None, task_steps: int) -> in
     return task_steps if limit is None else limit
 
 
-def remark(limit: int | None, horizon: int | None, steps_to_settle: int, uses_horizon: bool) -> None:
+def remark(limit: int | None, horizon: int | None, configuration: Any) -> None:
     """Say what is odd about a time limit: another explicit `horizon`, or no time for a success."""
     if limit is None:
         return
-    if uses_horizon and horizon is not None and horizon != limit:
+    if configuration.reward.uses_horizon and horizon is not None and horizon != limit:
         logger.warn(
             f"horizon = {horizon} is not the time limit of {limit} steps: with the quadratic reward a failure pays for "
             f"the steps up to horizon. Without horizon= it is the time limit."
         )
-    if limit < steps_to_settle:
+    if limit < configuration.steps_to_settle:
         logger.warn(
             f"max_episode_steps = {limit} makes success impossible: a car must have been settled for "
-            f"{steps_to_settle} steps when the time is over"
+            f"{configuration.steps_to_settle} steps when the time is over"
+        )
+    elif limit < configuration.steps_to_pass:
+        logger.warn(
+            f"max_episode_steps = {limit} makes success impossible: at {configuration.speed:g} m/s it takes at least "
+            f"{configuration.steps_to_pass} steps"
         )

@@ -105,4 +105,8 @@ def _dual_namespace(xp: Any) -> Any:
     def floor(x: Any) -> Any:
         return xp.floor(lifted(x).value)
 
-    return namespace("dual", where, floor)
+    def sqrt(x: Any) -> Dual:
+        root = xp.sqrt(lifted(x).value)
+        return Dual(root, 0.5 * lifted(x).slope / root)
+
+    return namespace("dual", where, floor, sqrt=sqrt)

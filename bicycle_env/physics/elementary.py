@@ -1,8 +1,8 @@
 """The elementary functions that the equations are written in, one namespace per backend.
 
 The equations of motion, the tire laws and the tasks are written once, as functions of a namespace ``xp``. A namespace
-holds ``where, floor, multiply_add`` of one backend and, built from those, ``minimum, maximum, sin, cos, tan, atan,
-tanh``.
+holds ``where, floor, sqrt, multiply_add`` of one backend and, built from those, ``minimum, maximum, sin, cos, tan,
+atan, tanh``.
 Every backend evaluates the same polynomials, so plain Python, numba, numpy and torch agree to rounding, and a compiled
 loop over many cars vectorises (library calls would stop it: SVML is not in the llvmlite wheel).
 
@@ -90,7 +90,7 @@ class Namespace(Protocol):
         """Bind a law to the backend: compiles it under numba, leaves it alone elsewhere."""
 
     def where(self, condition: Any, then: Any, otherwise: Any, /) -> Any:
-        """Elementwise choice; both sides are evaluated. At least one side must not be a bare constant."""
+        """Elementwise choice; both sides are evaluated."""
 
     def multiply_add(self, a: Any, b: Any, c: Any, /) -> Any:
         """a b + c. Compiled: rounded once, on every processor, and nothing else is: the source decides the bits."""
@@ -98,6 +98,9 @@ class Namespace(Protocol):
     def minimum(self, a: Any, b: Any, /) -> Any: ...
     def maximum(self, a: Any, b: Any, /) -> Any: ...
     def floor(self, x: Any, /) -> Any: ...
+    def sqrt(self, x: Any, /) -> Any:
+        """Rounded correctly, the same bits on every processor; torch's own may miss the last bit. NaN below 0."""
+
     def integer(self, x: Any, /) -> Any:
         """A whole float as an integer of 64 bits, on which + & | ^ << >> are what they are in Python."""
 
@@ -287,6 +290,11 @@ def _table(values: tuple[float, ...]) -> Callable[[Any], Any]:
     return lookup
 
 
+def _sqrt(x: Any) -> Any:
+    with np.errstate(invalid="ignore"):  # of the side of a choice that is not taken
+        return np.sqrt(x)
+
+
 def namespace(
     name: str,
     where: Callable[..., Any],
@@ -297,6 +305,7 @@ def namespace(
     integer: Callable[..., Any] = int,
     real: Callable[..., Any] = float,
     table: Callable[[tuple[float, ...]], Any] = _table,
+    sqrt: Callable[..., Any] = _sqrt,
 ) -> Any:
     """Build a :class:`Namespace` from a backend's elementwise choice and floor; `rounding`: the relative one.
 
@@ -305,7 +314,7 @@ def namespace(
     xp: Any = ModuleType(f"{__name__}.{name}")
     xp.function, xp.rounding = function, rounding
     xp.where = where
-    xp.floor = floor
+    xp.floor, xp.sqrt = floor, sqrt
     xp.multiply_add = multiply_add
     xp.integer, xp.real = integer, real
     xp.table = lambda values: function(table(values))
@@ -326,26 +335,38 @@ def namespace(
 def array_namespace(module: Any, dtype: Any = None) -> Namespace:
     """The namespace of an array library: numpy, torch, or one with the same ``where``, ``floor`` and ``asarray``.
 
-    `dtype`: of the floats that integers become, by default the module's float64.
+    `dtype`: of the floats that integers become, and two constants of a choice; by default the module's float64.
     """
+    kind = module.float64 if dtype is None else dtype
+
+    def where(condition: Any, then: Any, otherwise: Any) -> Any:
+        if module is not np and isinstance(then, float) and isinstance(otherwise, float):
+            then = module.full((), then, dtype=kind, device=condition.device)  # torch's own choice is float32
+        return module.where(condition, then, otherwise)
 
     def integer(x: Any) -> Any:
         return module.asarray(x, dtype=module.int64)
 
     def real(i: Any) -> Any:
-        return module.asarray(i, dtype=module.float64 if dtype is None else dtype)
+        return module.asarray(i, dtype=kind)
 
     def table(values: tuple[float, ...]) -> Any:
         @functools.cache
         def on(**device: Any) -> Any:
-            return module.asarray(values, dtype=module.float64 if dtype is None else dtype, **device)
+            return module.asarray(values, dtype=kind, **device)
 
         def lookup(i: Any) -> Any:
             return (on() if module is np else on(device=i.device))[i]
 
         return lookup
 
-    xp: Namespace = namespace(module.__name__, module.where, module.floor, integer=integer, real=real, table=table)
+    own: dict[str, Any] = {
+        "integer": integer,
+        "real": real,
+        "table": table,
+        "sqrt": _sqrt if module is np else module.sqrt,
+    }
+    xp: Namespace = namespace(module.__name__, where, module.floor, **own)
     return xp
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from bicycle_env.physics.elementary import Namespace, namespace
+from bicycle_env.physics.elementary import NUMPY, Namespace, namespace
 
 FUNCTIONS = tuple(name for name in vars(Namespace) if not name.startswith("_"))
 """What xp has."""
@@ -116,6 +116,7 @@ TRIAL: Namespace = namespace(
     integer=_lifted(lambda x: np.asarray(x, dtype=np.int64)),
     real=_lifted(lambda i: np.asarray(i, dtype=np.float64)),
     table=lambda values: _lifted(lambda i: np.asarray(values, dtype=np.float64)[i]),
+    sqrt=_lifted(NUMPY.sqrt),
 )
 
 

@@ -19,8 +19,8 @@ from bicycle_env.physics.validation import check_fields, choice
 from bicycle_env.tasks import fmvss126, rewards, twin
 from bicycle_env.tasks.draws import check_draws, drawn, draws_of, draws_record
 from bicycle_env.tasks.drivers import MOST_ANGLE, SineWithDwell
-from bicycle_env.tasks.ends import LEFT, RUNNING, SPUN, Limits, Tolerances, spun
-from bicycle_env.tasks.episode import EpisodeState, Reference, World, state_record
+from bicycle_env.tasks.ends import LEFT, RUNNING, SPUN, Limits, spun
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.fmvss126 import (
     BEGIN,
     DISPLACEMENT_TIME,
@@ -30,8 +30,8 @@ from bicycle_env.tasks.fmvss126 import (
     judgement,
     since_finish,
 )
-from bicycle_env.tasks.lane_change import SIDES
 from bicycle_env.tasks.metrics import SHARED, Metric, Run
+from bicycle_env.tasks.path import SIDES
 from bicycle_env.tasks.steadiness import Steadiness, reference_yaw_rate
 from bicycle_env.tasks.task import Entry, History, Law, Task
 
@@ -88,7 +88,6 @@ CHANGED = Manoeuvre._fields[
     Manoeuvre._fields.index("driver_command") : Manoeuvre._fields.index("twin_lateral_position")
 ]
 """By a control step, the twin apart."""
-ActiveSteerState = state_record("ActiveSteerState", Manoeuvre)
 Script = record_of("Script", ("amplitude", "frequency", "dwell", "start"))
 """What the law of ``SineWithDwell`` asks for."""
 
@@ -104,13 +103,11 @@ class ActiveSteer(Task):
     episode_steps = 300
     TaskState = Manoeuvre
     Settings = draws_record(RANGES)
-    State = ActiveSteerState
     uniforms = 1 + len(RANGES)
     ends = ("spun", "left_area")
     limits = Limits(heading=1.5)
-    tolerances = Tolerances(lateral=100.0)  # of no law of this task
     road_half_width = 100.0
-    settled_seconds = 1e-3  # what has failed is remembered: the last step tells
+    settled_seconds = 0.0  # what has failed is remembered: the last step tells
     rewards = {  # noqa: RUF012 (a constant)
         "default": Steadiness(),
         "quadratic": rewards.Quadratic(heading_cost=0.1, lateral_velocity_cost=0.01, yaw_rate_cost=10.0),

@@ -13,7 +13,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from bicycle_env.physics.car import CarState
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.model import Model
 from bicycle_env.physics.records import joined, part, record_of
 from bicycle_env.tasks.ends import Limits, Tolerances
@@ -178,6 +178,9 @@ class AlteredTask(Task):
     @property
     def told(self) -> tuple[str, ...]:
         return self.task.told
+
+    def seconds_to_pass(self, car: CarParameters) -> float:
+        return self.task.seconds_to_pass(car)
 
     def settings(self, speed: float) -> Any:
         return self.Settings(*self.task.settings(speed), *self.numbers.values())

@@ -17,9 +17,9 @@ from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY, PYTHON
 from bicycle_env.physics.presets import vehicles
 from bicycle_env.physics.trial import tried, words
-from bicycle_env.physics.validation import check_value, positive, whole
+from bicycle_env.physics.validation import check_value, number, positive, whole
 from bicycle_env.tasks.control_step import GRIP
-from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World, state_record
+from bicycle_env.tasks.episode import COMMANDS, EpisodeState, Reference, Rules, World, state_record
 from bicycle_env.tasks.marks import checked
 from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.task import Task
@@ -51,29 +51,38 @@ def check_reward(task: Task, reward: Reward) -> None:
 @functools.cache
 def _check_task(task: Task) -> None:
     name = type(task).__name__
-    fields = state_record(name, task.TaskState)._fields
-    if task.State._fields != fields:
-        raise ValueError(f"task {name}: State must have the fields {', '.join(fields)}, got {task.State._fields}")
+    taken = set(task.TaskState._fields) & {*CarState._fields, *COMMANDS, "time"}
+    if taken:
+        raise ValueError(f"task {name}: TaskState must have other names than the car's, got {', '.join(sorted(taken))}")
+    if task.State._fields != state_record(name, task.TaskState)._fields:
+        raise ValueError(f"task {name}: State must be left out, it follows from TaskState; got {task.State._fields}")
     for what in ("flipped", "hidden"):
         names = getattr(task, what) or ()
         if not set(names) <= set(task.TaskState._fields):
             raise ValueError(f"task {name}: {what} must be names of TaskState, {task.TaskState._fields}, got {names}")
+    if type(task).task_state_with is Task.task_state_with and not set(task.options) <= set(task.TaskState._fields):
+        raise ValueError(
+            f"task {name}: options must be names of TaskState, {task.TaskState._fields}, or have a task_state_with, "
+            f"got {', '.join(task.options)}"
+        )
+    number(f"task {name}: settled_seconds", task.settled_seconds, 0.0)
     for reward in ("default", "quadratic"):
         if not isinstance(task.rewards.get(reward), Reward):
             raise ValueError(f"task {name}: rewards must hold a Reward for {reward!r}, got {task.rewards!r}")
     positive(f"task {name}: road_half_width", task.road_half_width)
     whole(f"task {name}: judged_points", task.judged_points, 2, MOST_POINTS)
-    _check_laws(task, name, _world(task))
+    _check_laws(task, name, world_of(task))
 
 
-def _world(task: Task) -> World:
+def world_of(task: Task) -> World:
+    """What the laws are tried in."""
     rules = Rules(CONTROL_TIMESTEP, SUBSTEPS, task.episode_steps, steers_front=1.0, steers_rear=1.0)
     return World(car_on_road(vehicles["me303"], SPEED, 1.0, FRONT, REAR), rules, task.settings(SPEED))
 
 
 @functools.cache
 def _check_reward(task: Task, reward: Reward) -> None:
-    name, world = type(reward).__name__, _world(task)
+    name, world = type(reward).__name__, world_of(task)
     law, before = (tried(f"reward {name}: its law {one!r}", getattr(reward, one)) for one in ("law", "before"))
     reference, way = task.reference(NUMPY), task.start(NUMPY)(np.full((task.uniforms, 2), 0.5), world)[1]
     for place in PLACES:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +11,13 @@ from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.validation import check_fields, choice
 from bicycle_env.tasks.ends import Tolerances, end_outside
-from bicycle_env.tasks.episode import EpisodeState, Reference, World, state_record
-from bicycle_env.tasks.lane_change import (
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
+from bicycle_env.tasks.lane_change import LaneChange
+from bicycle_env.tasks.marks import Mark
+from bicycle_env.tasks.metrics import SHARED, Metric, largest, least
+from bicycle_env.tasks.path import (
     DIRECTIONS,
     SIDES,
-    LaneChange,
     check_preview,
     chosen_side,
     observed_on_path,
@@ -25,8 +26,6 @@ from bicycle_env.tasks.lane_change import (
     quintic_rise,
     times_ahead,
 )
-from bicycle_env.tasks.marks import Mark
-from bicycle_env.tasks.metrics import SHARED, Metric, largest, least
 from bicycle_env.tasks.task import Entry, Law, Task
 
 APPROACH = 1.0
@@ -84,9 +83,6 @@ class Side(NamedTuple):
     """+1 to the left, -1 to the right."""
 
 
-DoubleLaneChangeState = state_record("DoubleLaneChangeState", Side)
-
-
 class Cones(NamedTuple):
     """The task's numbers: m, along the road from where the car starts."""
 
@@ -125,7 +121,6 @@ class DoubleLaneChange(Task):
     episode_steps = 400
     TaskState = Side
     Settings = Cones
-    State = DoubleLaneChangeState
     uniforms = 3
     ends = ("spun", "left_course")
     tolerances = Tolerances(lateral=0.3)
@@ -137,7 +132,7 @@ class DoubleLaneChange(Task):
         "medium": {},
         "hard": {"speed": 28.0, "randomise": {"friction": (0.6, 1.0)}, "action_delay": 3},
     }
-    settled_seconds = 0.001  # to have passed the cones once is enough
+    settled_seconds = 0.0  # to have passed the cones is enough
     uniform_corridor = False
     flipped = ("direction",)
     options = {"direction": SIDES}  # noqa: RUF012 (a constant)
@@ -190,7 +185,7 @@ class DoubleLaneChange(Task):
         )
 
     def seconds_to_pass(self, car: CarParameters) -> float:
-        """From the start until a car that runs straight along the road has its whole body behind the last cones."""
+        """Until a car that runs straight along the road has its whole body behind the last cones."""
         return float((self.settings(car.speed).end_5 + car.rear_extent) / car.speed)
 
     def start(self, xp: Any) -> Law:
@@ -263,9 +258,6 @@ class DoubleLaneChange(Task):
             for x in np.linspace(begin, end, CONES)
         ]
         return (Mark("cones", tuple(places)),)
-
-    def task_state_with(self, side: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
-        return side._replace(**numbers)
 
 
 def lanes(xp: Any) -> Law:

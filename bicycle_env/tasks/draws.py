@@ -7,7 +7,7 @@ from typing import Any
 
 from bicycle_env.physics.records import record_of, sequence
 from bicycle_env.physics.validation import check_fields, choice, pair
-from bicycle_env.tasks.lane_change import DIRECTIONS, chosen_side
+from bicycle_env.tasks.path import DIRECTIONS, chosen_side
 from bicycle_env.tasks.task import Law
 
 Ranges = Mapping[str, tuple[float, float]]

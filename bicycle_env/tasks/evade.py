@@ -14,10 +14,10 @@ from bicycle_env.physics.records import replaced
 from bicycle_env.physics.validation import check_fields, explain_keywords
 from bicycle_env.tasks.draws import check_draws, drawn, draws_of, draws_record
 from bicycle_env.tasks.ends import Tolerances, clearance, end_outside, settled
-from bicycle_env.tasks.episode import EpisodeState, Reference, World, state_record
-from bicycle_env.tasks.lane_change import SIDES
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.marks import Mark
 from bicycle_env.tasks.metrics import SHARED, Metric, Run, least
+from bicycle_env.tasks.path import SIDES
 from bicycle_env.tasks.rewards import Quadratic, Reward, plus_square
 from bicycle_env.tasks.task import Entry, Law, Task, fixed_entries, observed_car
 
@@ -61,9 +61,6 @@ class Places(NamedTuple):
     begin: Any
     end: Any
     last: Any
-
-
-EvadeState = state_record("EvadeState", Gates)
 
 
 @explain_keywords
@@ -139,7 +136,6 @@ class Evade(Task):
     episode_steps = 340
     TaskState = Gates
     Settings = draws_record(RANGES)
-    State = EvadeState
     uniforms = 5 + len(RANGES)
     ends = ("spun", "left_corridor")
     tolerances = Tolerances(lateral=0.5 * LANE_WIDTH, heading=0.05, sideslip=0.05, yaw_rate=0.1)

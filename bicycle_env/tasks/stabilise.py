@@ -10,15 +10,12 @@ from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.car import CarState
 from bicycle_env.tasks import rewards
 from bicycle_env.tasks.ends import Tolerances
-from bicycle_env.tasks.episode import EpisodeState, Reference, World, state_record
+from bicycle_env.tasks.episode import EpisodeState, Reference, World
 from bicycle_env.tasks.task import Entry, Task, fixed_entries, observed_car
 
 
 class Nothing(NamedTuple):
     """The task draws nothing beside the car's state."""
-
-
-StabiliseState = state_record("StabiliseState", Nothing)
 
 
 class StartBox(NamedTuple):
@@ -41,7 +38,6 @@ class Stabilise(Task):
     episode_steps = 400
     TaskState = Nothing
     Settings = StartBox
-    State = StabiliseState
     uniforms = 4
     ends = ("spun", "left_lane")
     road_half_width = 1.75

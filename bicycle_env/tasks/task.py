@@ -11,13 +11,13 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
-from bicycle_env.physics.car import CarState
+from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.model import Model
 from bicycle_env.physics.validation import choice, known_keys, number
 from bicycle_env.tasks.ends import Limits, Tolerances, corner_outside, end_code, settled
-from bicycle_env.tasks.episode import EpisodeState, World
+from bicycle_env.tasks.episode import EpisodeState, World, state_record
 from bicycle_env.tasks.marks import Mark
 from bicycle_env.tasks.metrics import SHARED, Metric
 from bicycle_env.tasks.rewards import Reward
@@ -56,8 +56,16 @@ Allowed = Mapping[str, float] | tuple[float, float]
 
 
 def allowed_number(name: str, value: Any, allowed: Allowed) -> float:
-    """The number that a word stands for, or a number in a range; ValueError or TypeError otherwise."""
-    return allowed[choice(name, value, allowed)] if isinstance(allowed, Mapping) else number(name, value, *allowed)
+    """The number that a word stands for, itself too, or a number in a range; ValueError or TypeError otherwise."""
+    if not isinstance(allowed, Mapping):
+        return number(name, value, *allowed)
+    if isinstance(value, str) or value not in allowed.values():
+        return allowed[choice(name, value, allowed)]
+    return number(name, value)
+
+
+NEEDED = ("name", "episode_steps", "TaskState", "Settings", "uniforms", "ends", "rewards")
+"""What a task must say beside its abstract laws."""
 
 
 class Task(abc.ABC):
@@ -74,8 +82,6 @@ class Task(abc.ABC):
     """Named-tuple class of what an episode has of its own: drawn at its start, changed by :meth:`remember`."""
     Settings: ClassVar[Any]
     """Named-tuple class of the task's numbers."""
-    State: ClassVar[Any]
-    """Named-tuple class of ``env.unwrapped.state``: CarState, both commands, time, then the task's own state."""
     uniforms: ClassVar[int]
     """How many uniform numbers in [0, 1) a start takes."""
     ends: ClassVar[tuple[str, ...]]
@@ -92,7 +98,7 @@ class Task(abc.ABC):
     """By the names that ``reward=`` takes: "default", "quadratic", and others if there are. The quadratic one is also
     the cost that controllers get for a task without tuned weights."""
     settled_seconds: ClassVar[float] = 1.0
-    """How long :meth:`success` must have held when the time is over."""
+    """How long :meth:`success` must have held when the time is over; 0: at that moment."""
     uniform_corridor: ClassVar[bool] = True
     """Whether the corridor of :meth:`reference` is the same beside the whole body; if not, each corner is judged at
     its own place on the road."""
@@ -100,9 +106,25 @@ class Task(abc.ABC):
     """How many points along each side of the body are judged then: the two corners, and others between them."""
     flipped: ClassVar[tuple[str, ...] | None] = ()
     """Names in ``TaskState`` that change sign in the mirror image; None for a task that has no mirror image."""
-
     hidden: ClassVar[tuple[str, ...]] = ()
     """Names in ``TaskState`` that are drawn for an episode and that its first observation does not tell."""
+
+    def __new__(cls, *_: Any, **__: Any) -> Self:
+        """TypeError that names all that the task must say and does not."""
+        missing = [name for name in NEEDED if not hasattr(cls, name)]
+        missing += sorted(cls.__abstractmethods__)
+        if cls.success is Task.success and cls.tolerances is Task.tolerances:
+            missing.append("tolerances (or a success of its own)")
+        if missing:
+            raise TypeError(
+                f"task {cls.__name__} must have {', '.join(missing)} (docs/your_own.md lists what is needed)"
+            )
+        return super().__new__(cls)
+
+    @property
+    def State(self) -> Any:
+        """Named-tuple class of ``env.unwrapped.state``: CarState, both commands, time, then the task's own state."""
+        return state_record(f"{type(self).__name__}State", self.TaskState)
 
     @property
     def limits(self) -> Limits:
@@ -110,9 +132,9 @@ class Task(abc.ABC):
         return Limits()
 
     @property
-    @abc.abstractmethod
     def tolerances(self) -> Tolerances:
-        """Of :meth:`success`."""
+        """Of the default :meth:`success`; AttributeError where the task has none."""
+        raise AttributeError(f"task {type(self).__name__} has no tolerances")
 
     @property
     @abc.abstractmethod
@@ -158,6 +180,10 @@ class Task(abc.ABC):
     def settings(self, speed: float) -> Any:
         """The task's numbers at a speed, as ``Settings``."""
 
+    def seconds_to_pass(self, car: CarParameters) -> float:
+        """What a success takes at least, s: a time limit below it is remarked on, once."""
+        return 0.0
+
     @abc.abstractmethod
     def start(self, xp: Any) -> Law:
         """``start(uniforms, world) -> (CarState, TaskState)``, a pure function of the uniforms."""
@@ -198,7 +224,8 @@ class Task(abc.ABC):
     def remember(self, xp: Any) -> Law | None:
         """``remember(state, episode, action, world) -> TaskState`` after a control step, or None where it stays.
 
-        ``state`` is the one after the step, ``episode`` the one before it. The other laws of the step see the result.
+        ``state`` is the one after the step, ``episode`` the one before it. The other laws of the step see the result;
+        the reward sees the episode as it was before the step, and the result one step later.
         """
         return None
 
@@ -216,7 +243,10 @@ class Task(abc.ABC):
         return None
 
     def refilled(self, xp: Any) -> Law | None:
-        """``refilled(state, episode, world) -> TaskState`` where a start's state was given; None: it is as drawn."""
+        """``refilled(state, episode, world) -> TaskState`` where a start was given by options; None: it is as drawn.
+
+        For what depends on the place: a car that is put behind the last cone has not passed it.
+        """
         return None
 
     def end(self, xp: Any) -> Law:
@@ -246,8 +276,8 @@ class Task(abc.ABC):
         """The observation, entry by entry."""
 
     def task_state_with(self, task_state: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
-        """The task's state changed by what :meth:`option_numbers` gives."""
-        return task_state
+        """The task's state changed by what :meth:`option_numbers` gives; by default the numbers of the same names."""
+        return task_state._replace(**{name: numbers[name] for name in task_state._fields if name in numbers})
 
     def option_numbers(
         self, options: Mapping[str, Any], read: Callable[[str, Any, Allowed], Any] = allowed_number

@@ -3,6 +3,7 @@
 import dataclasses
 import inspect
 import json
+import re
 import subprocess
 import sys
 from typing import ClassVar
@@ -11,15 +12,24 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from gymnasium.envs.registration import EnvSpec
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 
 import bicycle_env
+from bicycle_env import control
 from bicycle_env.envs import BicycleStabEnv, TorchVectorEnv, setup
 from bicycle_env.envs.bicycle_stab import BicycleStabVectorEnv
+from bicycle_env.envs.many.vector_env import SingleTrackVectorEnv
+from bicycle_env.envs.single.single_track_env import SingleTrackEnv
+from bicycle_env.envs.telemetry import check_metrics
+from bicycle_env.registration import ENVIRONMENTS
+from bicycle_env.tasks import SHARED, LaneChange, Metric
 from bicycle_env.tasks.options import altered
 from bicycle_env.tasks.stabilise import Stabilise
 
 ID = "Mine/Narrow-v0"
+STAB = "BicycleStab-v0"
+LINEAR = {"tire": "linear", "geometry": "small_angle"}
+SHORT = {**LINEAR, "max_episode_steps": 60}
 QUICK = {"tire": "linear", "width": 0.8}
 
 
@@ -153,6 +163,106 @@ def test_a_reset_option_that_would_be_hidden_is_refused(name):
     with pytest.raises(ValueError, match=f"task Hidden: its reset option '{name}' must have another name"):
         bicycle_env.register(ID, hidden)
     bicycle_env.register(ID, altered(Narrow(), randomise={"friction": (0.5, 1.0)}))  # what it draws is an option
+
+
+def test_a_metric_of_a_column_that_no_episode_has_is_refused():
+    """It was a KeyError in the first evaluation."""
+
+    def metrics_of(column):
+        return (*SHARED, Metric("least", "m", "", lambda run: float(np.min(run.steps[column]))))
+
+    bad = dataclasses.dataclass(frozen=True)(type("Bad", (Narrow,), {"metrics": metrics_of("clearence")}))
+    words = r"unknown column of run.steps \(metric 'least' of the task narrow\) 'clearence'; did you mean 'clearance'"
+    with pytest.raises(ValueError, match=words):
+        bicycle_env.register(ID, bad)
+    for column in ("clearance", "yaw_rate", "time", "reward", "cost"):
+        good = dataclasses.dataclass(frozen=True)(type("Good", (Narrow,), {"metrics": metrics_of(column)}))
+        bicycle_env.register(ID, good)
+
+
+@pytest.mark.parametrize("row", ENVIRONMENTS, ids=lambda row: row.id)
+def test_the_packages_metrics_ask_for_columns_that_are_there(row):
+    check_metrics(load_env_creator(row.entry_point).default_task)
+
+
+def test_a_time_that_is_too_short_to_pass_is_remarked_on():
+    slow = {"seconds_to_pass": lambda task, car: 2.41, "episode_steps": 120}
+    late = dataclasses.dataclass(frozen=True)(type("Late", (Stabilise,), slow))
+    bicycle_env.register(ID, late)
+    words = "max_episode_steps = 120 makes success impossible: at .* m/s it takes at least 121 steps"
+    for make in (lambda: gym.make(ID, **LINEAR).reset(seed=0), lambda: gym.make_vec(ID, 2, **LINEAR)):
+        with pytest.warns(UserWarning, match=words):
+            make()
+    gym.make_vec(ID, 2, **LINEAR, max_episode_steps=121)
+
+
+def test_a_path_without_its_errors_is_refused_by_controllers():
+    """Entries of other names were accepted, and a controller followed y = 0."""
+
+    class Renamed(LaneChange):
+        def entries(self, speed, front_limit, rear_limit):
+            given = super().entries(speed, front_limit, rear_limit)
+            return tuple(entry._replace(name=entry.name.replace("_error", "_off")) for entry in given)
+
+    bicycle_env.register(ID, dataclasses.dataclass(frozen=True)(Renamed))
+    for name in ("lqr", "stanley"):
+        with pytest.raises(ValueError, match="this controller needs lateral_error in the observation, which has"):
+            control.make(name, gym.make(ID, **LINEAR))
+
+
+# The check of a task
+
+
+def test_a_task_is_checked_in_every_environment():
+    lines = bicycle_env.check_task(STAB, cars=3, **SHORT)
+    assert [line.split(": ")[1] for line in lines] == ["one car and many", "tensors", "mirror image", "rendering"]
+    assert re.fullmatch(rf"{STAB}: one car and many: the same to the bit in \d+ steps of 3 cars \(ends: .*\)", lines[0])
+
+
+def stepped(change):
+    """A step that gives other numbers."""
+
+    def wrapped(step):
+        def other(self, action):
+            return change(*step(self, action))
+
+        return other
+
+    return wrapped
+
+
+@pytest.mark.parametrize(
+    ("owner", "change", "words"),
+    [
+        (
+            SingleTrackVectorEnv,
+            lambda seen, reward, *rest: (seen, reward + 1e-9, *rest),
+            "one car and many: reward of car 0 after 1 steps is ",
+        ),
+        (
+            TorchVectorEnv,
+            lambda seen, reward, *rest: (seen, reward + 1e-9, *rest),
+            "tensors: reward of car 0 after 1 steps is ",
+        ),
+        (
+            SingleTrackEnv,
+            lambda seen, *rest: (seen + np.float32(0.25), *rest),
+            "one car and many: observation of car 0 after 1 steps is",
+        ),
+    ],
+    ids=["many", "tensors", "one"],
+)
+def test_the_check_says_what_differs(monkeypatch, owner, change, words):
+    monkeypatch.setattr(owner, "step", stepped(change)(owner.step))
+    with pytest.raises(ValueError, match=f"^{STAB}: {words}"):
+        bicycle_env.check_task(STAB, cars=1, **SHORT)
+
+
+def test_the_check_sees_a_side(monkeypatch):
+    """The law of the start apart: whatever a task draws, its mirror image must drive on mirrored."""
+    monkeypatch.setattr(SingleTrackEnv, "observation_mirror", property(lambda env: np.ones(8)))
+    with pytest.raises(ValueError, match="mirror image: mirrored observation of car 0 after 0 steps"):
+        bicycle_env.check_task(STAB, cars=1, **SHORT)
 
 
 MODULE = """

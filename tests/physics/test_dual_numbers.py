@@ -68,10 +68,12 @@ def test_a_comparison_asks_for_the_slope_where_the_values_are_equal():
         ("tanh", lambda x: 1.0 / np.cosh(x) ** 2),
         ("near_sin", np.cos),
         ("near_cos", lambda x: -np.sin(x)),
+        ("sqrt", lambda x: 0.5 / np.sqrt(x)),
     ],
 )
 def test_elementary_functions(name, derivative):
     x = np.linspace(-1.4, 1.4, 20_001) if "near" in name or name == "tan" else np.linspace(-6.0, 6.0, 20_001)
+    x = abs(x) + 0.1 if name == "sqrt" else x
     result = getattr(ON_ARRAYS, name)(Dual(x, np.ones_like(x)))
     np.testing.assert_allclose(result.slope, derivative(x), rtol=2e-13, atol=1e-14)
     np.testing.assert_array_equal(result.value, getattr(NUMPY, name)(x))

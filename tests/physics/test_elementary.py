@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from bicycle_env.backends import compiled
+from bicycle_env.backends import compiled, single_precision
 from bicycle_env.physics import elementary
 from bicycle_env.physics.elementary import NUMPY, PYTHON
 
@@ -194,9 +194,45 @@ def test_smaller_and_larger(name):
         assert mixed.item() == expected
 
 
-def test_torch_where_of_two_constants_is_why_one_side_must_be_a_tensor():
-    """``torch.where(c, 1.57, 0.0)`` is float32 and costs a float64 path nine digits: no function may rest on it."""
-    assert torch.where(torch.tensor([True]), 1.57, 0.0).dtype == torch.float32
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=str)
+def test_a_choice_between_two_constants_keeps_the_type(dtype):
+    """``torch.where(c, 0.1, 0.0)`` is float32 and costs a float64 path nine digits."""
+    assert torch.where(torch.tensor([True]), 0.1, 0.0).dtype == torch.float32
+    chosen = elementary.array_namespace(torch, dtype).where(torch.tensor([True, False]), 0.1, 0.0)
+    assert chosen.dtype == dtype
+    assert torch.equal(chosen, torch.tensor([0.1, 0.0], dtype=dtype))
+
+
+def test_the_square_root_is_rounded_correctly():
+    """Against 40 digits, in double and in single precision; torch's is not with every set of instructions."""
+    x = np.abs(np.random.default_rng(2).standard_normal(2000)) * 10.0 ** np.linspace(-30.0, 30.0, 2000)
+
+    def applied(root):
+        def apply(x, out):
+            for k in range(len(x)):
+                out[k] = root(x[k])
+
+        return apply
+
+    for values, xp, numbers in (
+        (x, compiled.NUMBA, numba.float64),
+        (x.astype(np.float32), single_precision.NUMBA_FLOAT32, numba.float32),
+    ):
+        with mpmath.workdps(40):
+            roots = np.array([float(mpmath.sqrt(mpmath.mpf(float(value)))) for value in values]).astype(values.dtype)
+        in_numba = np.empty_like(values)
+        compiled.entry_point(applied(xp.sqrt), numba.void(numbers[::1], numbers[::1]))(values, in_numba)
+        tensors = TORCH.sqrt(torch.from_numpy(values)).numpy()
+        assert {found.dtype for found in (in_numba, NUMPY.sqrt(values), tensors)} == {values.dtype}
+        assert np.array_equal(in_numba, roots)
+        assert np.array_equal(NUMPY.sqrt(values), roots)
+        assert np.all(abs(tensors - roots) <= np.spacing(roots))
+    assert [PYTHON.sqrt(float(value)) for value in x] == NUMPY.sqrt(x).tolist()
+    assert np.isnan(NUMPY.sqrt(np.array([-1.0])))
+    assert NUMPY.where(np.array([-1.0]) > 0.0, NUMPY.sqrt(np.array([-1.0])), 0.0) == 0.0
+
+
+def test_the_functions_do_not_rest_on_a_choice_between_two_constants():
     x = torch.tensor([-40.0, -3.0, -1.0, -0.1, 0.0, 0.1, 1.0, 3.0, 40.0], dtype=torch.float64)
     for name in ALL:
         mine, reference = getattr(TORCH, name)(x), getattr(torch, name)(x)

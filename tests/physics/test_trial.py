@@ -9,7 +9,13 @@ from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.trial import FUNCTIONS, TRIAL, NotOfALawError, Number, plain
 
 A, B = np.array([0.3, -1.7]), np.array([-0.9, 2.4])
-ARGUMENTS = {"where": (A > 0.0, A, B), "multiply_add": (A, B, A), "minimum": (A, B), "maximum": (A, B)}
+ARGUMENTS = {
+    "where": (A > 0.0, A, B),
+    "multiply_add": (A, B, A),
+    "minimum": (A, B),
+    "maximum": (A, B),
+    "sqrt": (abs(A),),
+}
 WHOLE = np.array([5, 2])
 CALLS = {name: ARGUMENTS.get(name, (A,)) for name in FUNCTIONS if name not in ("function", "table")}
 

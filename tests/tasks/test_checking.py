@@ -15,7 +15,9 @@ from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.records import replaced
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.episode import Reference
+from bicycle_env.tasks.evade import Evade
 from bicycle_env.tasks.lane_change import LaneChange
+from bicycle_env.tasks.path import follows_path
 from bicycle_env.tasks.stabilise import Stabilise
 from bicycle_env.tasks.task import Entry, Task
 
@@ -41,6 +43,33 @@ def test_the_packages_own_tasks_pass(task):
     check(task)
 
 
+def test_all_that_is_missing_is_named_at_once():
+    class Bare(Task):
+        name, uniforms, flipped = "bare", 1, None
+
+    with pytest.raises(
+        TypeError,
+        match=r"^task Bare must have episode_steps, TaskState, Settings, ends, rewards, entries, observe, reference, "
+        r"road_half_width, settings, start, tolerances \(or a success of its own\) \(docs/your_own.md",
+    ):
+        Bare()
+
+
+def test_the_state_is_the_cars_the_commands_the_time_and_the_tasks_own():
+    names = (*CarState._fields, "front_steer_command", "rear_steer_command", "time")
+    assert Stabilise().State._fields == names
+    assert LaneChange().State._fields == (*names, "direction", "change_start")
+    assert LaneChange().State is LaneChange("left").State
+    assert LaneChange().State.__name__ == "LaneChangeState"
+
+
+def test_what_controllers_read_of_a_path_is_asked_for():
+    assert [follows_path(task) for task in (Stabilise(), LaneChange(), LaneChange(preview_length=0.0), Evade())] == [
+        *(False, True),
+        *(True, False),
+    ]
+
+
 def test_tasks_are_values():
     assert LaneChange(duration=1.5) == LaneChange(duration=np.float32(1.5))
     assert LaneChange() != LaneChange(duration=2.0)
@@ -55,9 +84,8 @@ def changed_in_place(state, reference, episode, world):
     return size
 
 
-class OtherState(NamedTuple):
-    longitudinal_position: float
-    time: float
+class Taken(NamedTuple):
+    heading: float
 
 
 FAULTS = {
@@ -102,8 +130,8 @@ FAULTS = {
         "'cost' fails on two cars at once .xp has no 'exp'; it has function, where, multiply_add, .*tanh.$",
     ),
     "one that it does not have when the law is made": (
-        {"cost": lambda task, xp: xp.sqrt},
-        "'cost' cannot be made .xp has no 'sqrt'; it has",
+        {"cost": lambda task, xp: xp.exp},
+        "'cost' cannot be made .xp has no 'exp'; it has",
     ),
     "a misspelt field": (
         {"conditions": lambda task, xp: replaced(xp, CarParameters, ("front_peak",))},
@@ -141,11 +169,17 @@ FAULTS = {
         {"entries": lambda task, speed, front, rear: (Entry("x", "m", 1.0, 1.0, ""),) * 8},
         "names of its entries must differ, got x, x",
     ),
-    "another state": ({"State": OtherState}, "State must have the fields longitudinal_position, .*time, got"),
+    "another state": ({"State": Taken}, "State must be left out, it follows from TaskState; got .'heading',"),
+    "a name of the car's": ({"TaskState": Taken}, "TaskState must have other names than the car's, got heading"),
+    "an option of no number": (
+        {"options": {"place": (0.0, 1.0)}},
+        r"options must be names of TaskState, \(\), or .*place",
+    ),
     "a wider place than the widest": (
         {"reference": law(lambda state, route, world: Reference(*(0.0 * state.heading,) * 4, 2.0))},
         "road_half_width must be that of the widest place, got 1.75 where its law 'reference' says 2.0",
     ),
+    "a time that is none": ({"settled_seconds": -1.0}, "settled_seconds must be a finite number >= 0, got -1"),
     "no road": ({"road_half_width": 0.0}, "road_half_width must be a finite number > 0, got 0"),
     "one point": ({"judged_points": 1}, r"judged_points must be a whole number in \[2, 100\], got 1"),
     "a name that flips and is not there": ({"flipped": ("direction",)}, "flipped must be names of TaskState"),

@@ -20,7 +20,7 @@ from bicycle_env.physics.records import replaced
 from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.control_step import transition
-from bicycle_env.tasks.episode import EpisodeState, Rules, World, state_record
+from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.stabilise import Nothing, Stabilise
 from bicycle_env.tasks.task import Entry
 
@@ -36,14 +36,11 @@ class Gusts(NamedTuple):
     largest_yaw_rate: Any
 
 
-State = state_record("State", Gusts)
-
-
 @dataclasses.dataclass(frozen=True)
 class Doors(Stabilise):
     """A driver holds the front wheels, a policy the rear ones; a gust of half a second; ice from 20 m on."""
 
-    TaskState, State, uniforms, flipped = Gusts, State, 6, ("gust_side",)
+    TaskState, uniforms, flipped = Gusts, 6, ("gust_side",)
     gust_force: float = 2000.0
     gust_arm: float = 0.5
     amplitude: float = 0.02

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.control.policy import Plant
+from bicycle_env.tasks.path import follows_path
 
 Matrix = NDArray[np.float64]
 
@@ -27,12 +28,10 @@ class Reading:
 
     def __init__(self, plant: Plant, needed: tuple[str, ...] = STATE_NAMES[1:]) -> None:
         names = plant.observation_names
-        lateral = "lateral_error" if "lateral_error" in names else "lateral_position"
-        missing = [name for name in (lateral, *needed) if name not in names]
-        if missing:
-            raise ValueError(
-                f"this controller needs {', '.join(missing)} in the observation, which has {', '.join(names)}"
-            )
+        on_path = "lateral_error" in names or follows_path(plant.task)
+        lateral = "lateral_error" if on_path else "lateral_position"
+        self._names = names
+        self._must_have(lateral, *needed)
         self.scale = plant.observation_scale
         self.times = look_ahead_times(plant)
         self.state = np.zeros((len(names), len(STATE_NAMES)))
@@ -43,6 +42,18 @@ class Reading:
         self.path[names.index(lateral), 0] = -1.0
         if points > 1:
             self.path[-(points - 1) :, 1:] = np.eye(points - 1)
+
+    def _must_have(self, *needed: str) -> None:
+        missing = [name for name in needed if name not in self._names]
+        if missing:
+            raise ValueError(
+                f"this controller needs {', '.join(missing)} in the observation, which has {', '.join(self._names)}"
+            )
+
+    def index(self, name: str) -> int:
+        """Of an entry; ValueError names it where it is missing."""
+        self._must_have(name)
+        return self._names.index(name)
 
     def state_feedback(self, gain: Matrix) -> Matrix:
         """(entries, axles): ``observation @ matrix`` is gain x, for a gain (axles, 6)."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.control.design.observation_map import Reading
 from bicycle_env.control.policy import Plant
+from bicycle_env.tasks.path import follows_path
 
 Matrix = NDArray[np.float64]
 
@@ -33,9 +34,9 @@ def path_ahead(plant: Plant, times: NDArray[np.floating[Any]], derivative: int =
     reading = Reading(plant)
     knots, distances = reading.times, reading.path.T
     drift = np.zeros(len(plant.observation_names))  # U psi_path, the path's heading being psi minus the heading error
-    if "heading_error" in plant.observation_names:
+    if "heading_error" in plant.observation_names or follows_path(plant.task):
         drift += reading.state[:, STATE_NAMES.index("heading")]
-        drift[plant.observation_names.index("heading_error")] -= 1.0
+        drift[reading.index("heading_error")] -= 1.0
         drift *= plant.speed
 
     near, slope = np.empty((0, len(drift))), drift

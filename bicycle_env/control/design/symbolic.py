@@ -31,7 +31,7 @@ def casadi_namespace() -> Any:
     known derivative, where the package's polynomials would be dozens.
     """
     ca = casadi()
-    xp = elementary.namespace("casadi", ca.if_else, ca.floor)
+    xp = elementary.namespace("casadi", ca.if_else, ca.floor, sqrt=ca.sqrt)
     xp.minimum, xp.maximum = ca.fmin, ca.fmax
     xp.sin = xp.near_sin = ca.sin
     xp.cos = xp.near_cos = ca.cos

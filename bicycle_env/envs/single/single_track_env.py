@@ -303,7 +303,7 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         limit = limit_around(self)
         self._limit = math.inf if limit is None else limit
         configuration, self._limit_asked = self.configuration, True
-        remark(limit, self._given_horizon, configuration.steps_to_settle, self.reward.uses_horizon)
+        remark(limit, self._given_horizon, configuration)
         horizon = resolve_horizon(self._given_horizon, limit, self.task.episode_steps)
         self._adopt(
             dataclasses.replace(configuration, horizon=horizon, rules=configuration.rules._replace(horizon=horizon))
