@@ -22,7 +22,7 @@ class Episode:
     success: bool
     """The task's success: settled for the last second when the time was over."""
     on_road: bool
-    """The time was over before the car spun or left the road, settled or not."""
+    """No end came before the time was over, settled or not."""
     end: str
     episode_return: float
     metrics: Mapping[str, float | None] = field(default_factory=dict)

@@ -6,16 +6,21 @@ from pathlib import Path
 
 import pytest
 
+from bicycle_env import tasks
+from bicycle_env.envs.telemetry import columns
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import PYTHON, Namespace
-from bicycle_env.tasks.episode import EpisodeState, Reference, Rules
+from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
 from bicycle_env.tasks.rewards import Reward
-from bicycle_env.tasks.task import Task
+from bicycle_env.tasks.stabilise import Stabilise
+from bicycle_env.tasks.task import NEEDED, Task
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "your_own.md"
 TEXT = PAGE.read_text(encoding="utf-8")
-NOT_LAWS = ("settings", "entries", "marks", "task_state_with", "option_numbers", "check_options")
+NOT_LAWS = (*("settings", "entries", "marks", "task_state_with", "option_numbers", "check_options", "seconds_to_pass"),)
+NOT_OF_A_TASK = {"State", "end_names", "check_options"}
+"""What follows from the rest, and what only environments call."""
 
 
 def rows_of(title):
@@ -30,7 +35,7 @@ def rows_of(title):
     return rows
 
 
-@pytest.mark.parametrize("record", [CarState, CarParameters, EpisodeState, Reference, Rules])
+@pytest.mark.parametrize("record", [CarState, CarParameters, EpisodeState, Reference, Rules, World])
 def test_the_fields_of_the_records(record):
     (fields,) = (row[1] for row in rows_of("record") if row[0] == f"`{record.__name__}`")
     assert tuple(re.findall(r"`(\w+)`", fields)) == record._fields
@@ -49,6 +54,30 @@ def test_the_laws_of_a_task_and_their_signatures():
     assert set(told) == laws - set(NOT_LAWS)
     for name, arguments in told.items():
         assert f"``{name}({arguments})" in inspect.getdoc(getattr(Task, name)), name
+
+
+def test_what_a_task_says_beside_its_laws():
+    laws = {re.match(r"`(\w+)", row[0]).group(1) for row in rows_of("law")}
+    told = {name: row for row in rows_of("of a task") for name in re.findall(r"`(\w+)", row[0])}
+    known = {name for name in (*vars(Task), *Task.__annotations__) if not name.startswith("_")}
+    assert set(told) == known - laws - NOT_OF_A_TASK
+    needed = {name for name, row in told.items() if row[2] == "needed"}
+    needed |= {re.match(r"`(\w+)", row[0]).group(1) for row in rows_of("law") if row[2] == "needed"}
+    assert needed == {*NEEDED, *Task.__abstractmethods__}
+
+
+def test_the_columns_of_a_metric():
+    told = re.search(r"those of `env.unwrapped.state`,(.*?)\. `run.success`", TEXT, re.DOTALL).group(1)
+    assert re.findall(r"`(\w+)`", told) == [
+        name for name in columns(Stabilise()) if name not in Stabilise().State._fields
+    ]
+
+
+def test_the_helpers_of_a_path_can_be_imported():
+    told = {name for row in rows_of("of `bicycle_env.tasks`") for name in re.findall(r"`(\w+)\(", row[0])}
+    assert told - {"path"} <= set(tasks.__all__)
+    assert {name for name in tasks.__all__ if name.startswith(("path_", "observed_", "times_"))} <= told
+    assert all(hasattr(tasks, name) for name in tasks.__all__)
 
 
 def test_the_laws_of_a_reward():

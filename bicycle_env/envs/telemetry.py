@@ -21,12 +21,15 @@ MEASURED = (*Axles._fields, *(f"reference_{name}" for name in Reference._fields)
 corridor's edge to the nearest corner of the body [m], negative outside."""
 
 
+def columns(task: Task) -> tuple[str, ...]:
+    """The names in ``run.steps`` of a metric."""
+    state = task.State(*(1.0 for _ in task.State._fields))
+    return *state._fields, *telemetry(state, dict.fromkeys(MEASURED, 1.0)), "reward", "cost"
+
+
 def check_metrics(task: Task) -> None:
     """ValueError for a metric that asks for a column that no episode has."""
-    row = np.linspace(0.1, 0.3, 3)
-    state = task.State(*(row for _ in task.State._fields))
-    measured = dict.fromkeys(MEASURED, row)
-    steps = {**telemetry(state, measured), **state._asdict(), "reward": row, "cost": row}
+    steps = dict.fromkeys(columns(task), np.linspace(0.1, 0.3, 3))
     for metric in task.metrics:
         try:
             with np.errstate(all="ignore"):

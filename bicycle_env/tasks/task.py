@@ -181,7 +181,7 @@ class Task(abc.ABC):
         """The task's numbers at a speed, as ``Settings``."""
 
     def seconds_to_pass(self, car: CarParameters) -> float:
-        """What a success takes at least, s: a time limit below it is remarked on, once."""
+        """What a success takes at least, s: a time limit below it is remarked on."""
         return 0.0
 
     @abc.abstractmethod
