@@ -6,8 +6,6 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 
-from bicycle_env.physics.validation import whole
-
 
 class Row(NamedTuple):
     """One environment id. Defaults live in the constructors: gym.make merges these keywords with the user's."""
@@ -110,7 +108,7 @@ def check_task(id: str, *, cars: int = 8, seed: int = 0, **keywords: Any) -> tup
     """
     from bicycle_env.envs.agreement import check_task as tried
 
-    return tried(id, whole("cars", cars), whole("seed", seed, 0), keywords)
+    return tried(id, cars, seed, keywords)
 
 
 _register_own()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bicycle_env.envs.many.blocks import KEPT
 from bicycle_env.installation import needs
 from bicycle_env.physics.car import CarState
+from bicycle_env.physics.validation import whole
 
 TOLERANCE = 1e-12
 """Of a step on tensors against the compiled one, per max(1, |number|)."""
@@ -21,6 +22,7 @@ TOLERANCE = 1e-12
 
 def check_task(env_id: str, cars: int, seed: int, keywords: Mapping[str, Any]) -> tuple[str, ...]:
     """See :func:`bicycle_env.check_task`."""
+    cars, seed = whole("cars", cars), whole("seed", seed, 0)
     alone = [gym.make(env_id, **keywords) for _ in range(cars)]
     many: Any = gym.make_vec(env_id, cars, autoreset_mode="Disabled", **keywords)
     rng = np.random.default_rng(seed)
