@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -121,7 +122,7 @@ class _Study:
         if friction is not None:
             self.knowing(names[-1], *friction)
         law = control.make(names[-1], self.plant, parameters=tuned[names[-1]].best.parameters)
-        if self.plant.task.hidden:
+        if self.hidden:
             self.without_knowing(law, control.make(best, self.plant, parameters=tuned[best].best.parameters))
         sequences = self.best_found(law)
         if self.setting.env_id in BOUNDED:
@@ -130,7 +131,7 @@ class _Study:
             "env_id": self.setting.env_id,
             "level": self.setting.level,
             "keywords": plain(self.setting.keywords),
-            "hidden": list(self.plant.task.hidden),
+            "hidden": self.hidden,
             "drivers": {name: row.figures for name, row in self.rows.items()},
             **self.verdict(f"{best}, tuned"),
             "sequences": sequences,
@@ -198,11 +199,21 @@ class _Study:
         parameters = {"frictions": edges.tolist(), "parameters": [one.best.parameters for one in found]}
         self.row(f"{name}, tuned, knows the friction", chosen, "friction", controller=name, **parameters)
 
-    def frictions(self) -> NDArray[np.float64]:
-        """That each start has hidden."""
+    @functools.cached_property
+    def starts(self) -> Any:
+        """The states in which all reported starts begin."""
         many = self.cars.of(len(self.seeds))
         many.reset(seed=self.seeds)
-        state = many.unwrapped.state
+        return many.unwrapped.state
+
+    @property
+    def hidden(self) -> list[str]:
+        """Names of what is drawn and not told; what is the same in every episode could be known."""
+        return [name for name in self.plant.task.hidden if np.ptp(getattr(self.starts, name)) > 0.0]
+
+    def frictions(self) -> NDArray[np.float64]:
+        """That each start has hidden."""
+        state = self.starts
         found: NDArray[np.float64] = np.array(getattr(state, "relative_friction", getattr(state, "friction", None)))
         return found
 
@@ -269,9 +280,7 @@ class _Study:
         plant = self.plant
         self.tell(BOUND, 0, 1)
         inside = recoverable(plant)
-        many = self.cars.of(len(self.seeds))
-        many.reset(seed=self.seeds)
-        state = many.unwrapped.state
+        state = self.starts
         within = inside.contains(state.lateral_velocity, state.yaw_rate, state.heading, state.lateral_position)
         outside = {
             name: int(np.sum(row.outcomes.success & ~within[: len(row.outcomes.success)]))

@@ -68,9 +68,9 @@ class BicycleEvadeEnv(SingleTrackEnv):
     `reward="default"`: 1 / (1 + c), in (0, 1], and 0.1 of it after a touch; with the clearance d (from the corridor's
     edge to the nearest point), the sideslip beta and yaw rate r after the step, the action u and its change du:
 
-        c = 10.0 max(0, 0.2 - d)^2 + 10.0 beta^2 + 0.2 r^2 + 0.05 |u|^2 + 0.2 |du|^2
+        c = 10.0 max(0, 0.2 - d)^2 + 10.0 beta^2 + 0.2 r^2 + 0.05 |u|^2 + 0.02 |du|^2
 
-    Once the whole body is behind the last gate, 40.0 (psi^2 + beta^2 + 0.25 r^2) more.
+    Once the whole body is behind the last gate, 2000.0 (psi^2 + beta^2 + 0.25 r^2) more.
 
     `reward="quadratic"`: as in BicycleStab-v0 with x = (lateral_position, heading, lateral_velocity, yaw_rate,
     front_steer, rear_steer), Q = diag(0.5, 10.0, 0.0, 1.0, 0.0, 0.0), R = diag(0.1); the lateral position counts from

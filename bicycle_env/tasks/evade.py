@@ -79,8 +79,8 @@ class FreeRoad(Reward):
     sideslip_weight: float = 10.0
     yaw_rate_weight: float = 0.2
     effort_weight: float = 0.05
-    smoothness_weight: float = 0.2
-    settling_weight: float = 40.0
+    smoothness_weight: float = 0.02
+    settling_weight: float = 2000.0
     """Of heading, sideslip and a half of the yaw rate, behind the last gate."""
     share_after_touch: float = 0.1
 
