@@ -62,16 +62,16 @@ class Extent(NamedTuple):
     """Starts on which parameters are tuned, and on which the best of the restarts is chosen."""
     restarts: int
     """Of a tuning; where the friction is known, one for each interval."""
-    iterations: float
-    """Of a tuning, a share of the usual ones."""
+    iterations: int
+    """Of a tuning, at most."""
     draws: int
     """Of what is hidden, for one start."""
     samples: int
     """Sequences per start and iteration."""
 
 
-FULL = Extent(2000, 200, 100, 128, 1000, 5, 0.6, 32, 192)
-QUICK = Extent(200, 24, 12, 64, 200, 1, 0.3, 8, 64)
+FULL = Extent(2000, 200, 64, 128, 1000, 5, 16, 32, 192)
+QUICK = Extent(200, 24, 12, 64, 200, 1, 6, 8, 64)
 
 Tell = Callable[[str, float, float], None]
 """``tell(what, done, total)``."""
@@ -160,8 +160,8 @@ class _Study:
 
     def tuning(self, name: str, keywords: Mapping[str, Any], restarts: int, what: str) -> optimum.Tuning:
         law = control.tunable(name)
-        few = len(law.parameters) == 1  # a line is searched sooner than a space
-        iterations = max(2, round(self.extent.iterations * (10 if few else optimum.budget(law).iterations)))
+        enough = 6 if len(law.parameters) == 1 else optimum.budget(law).iterations  # a line is searched sooner
+        iterations = min(self.extent.iterations, enough)
         return optimum.tune(
             self.setting.env_id,
             {**self.setting.keywords, **keywords},

@@ -215,7 +215,7 @@ def headroom_rows(chosen: Callable[[dict[str, Any]], bool]) -> str:
             lines.append(f"| {words} | " + " | ".join(cells) + " |")
     counts = {row["starts"] for part in result["settings"].values() for row in part["drivers"].values()}
     more = (
-        f'{max(counts)} starts for the controllers, the first 200 of them for "best found", the first 100 for "without '
+        f'{max(counts)} starts for the controllers, the first 200 of them for "best found", the first 64 for "without '
         f'knowing"; the room is over the same starts. {result["seconds"] / 60:.0f} minutes with {result["processes"]} '
         "processes; `results/headroom.json`. In brackets: 95 % intervals."
     )

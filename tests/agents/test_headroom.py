@@ -17,7 +17,7 @@ from agents.messages import UserError
 from bicycle_env import Actuator, optimum
 
 RESULTS = Path(__file__).parents[2] / "results"
-TINY = Extent(12, 6, 4, 4, 8, 2, 0.1, 2, 8)
+TINY = Extent(12, 6, 4, 4, 8, 2, 2, 2, 8)
 
 
 class Everywhere:
