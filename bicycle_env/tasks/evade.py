@@ -149,7 +149,12 @@ class Evade(Task):
     }
     defaults = {"steer": "front"}  # noqa: RUF012 (a constant)
     levels = {  # noqa: RUF012 (a constant)
-        "easy": {"steer": "both", "relative_friction": (1.0, 1.0), "obstacle_time": (0.8, 1.4)},
+        "easy": {
+            "steer": "both",
+            "relative_friction": (1.0, 1.0),
+            "obstacle_time": (1.0, 1.6),
+            "return_time": (1.3, 2.0),
+        },
         "medium": {},
         "hard": {"front_actuator": dataclasses.replace(FRONT, rate_limit=math.radians(15.0))},
     }
