@@ -28,6 +28,8 @@ CONTROLLERS = {
 """That are tuned for a setting; the last one is where the searches begin."""
 FULL_STATE = {"BicycleActiveSteer-v0": {"observed": "state"}}
 """Keywords with which a controller sees what the id does not show: the row of the last one stands twice."""
+LONGER = {"BicycleEvade-v0": {"iterations": 20, "planned_alone": False}}
+"""How to search without knowing where more finds more: twice the iterations, over the weights beside the path."""
 BOUNDED = ("BicycleStab-v0",)
 """Ids for which the recoverable set bounds what any steering saves."""
 FRICTIONS = 3
@@ -225,6 +227,7 @@ class _Study:
             law,
             self.searched[: self.extent.unknowing],
             draws=self.extent.draws,
+            **LONGER.get(self.setting.env_id, {}),
             seed=self.search_seed,
             progress=lambda done: self.tell(BLIND, done, self.extent.unknowing),
         )

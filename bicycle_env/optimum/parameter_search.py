@@ -51,6 +51,7 @@ def search_parameters(
     draws: int | None = 32,
     samples: int = 32,
     iterations: int = 10,
+    planned_alone: bool = True,
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
 ) -> list[OwnParameters]:
@@ -68,6 +69,7 @@ def search_parameters(
             start's own future is known, and the only one.
         samples: sets of parameters per iteration, at least 8, the first of which is the mean of the others.
         iterations: at most so many.
+        planned_alone: search only what the law may plan anew (``TunablePolicy.planned``); False: all its parameters.
         seed: of the random numbers; each start has its own stream, and its draws come from that.
         progress: called with how many starts are done.
 
@@ -81,7 +83,7 @@ def search_parameters(
         raise ValueError(
             f"draws must be None where the task hides nothing, got {draws}: {env_id} with {dict(keywords)}"
         )
-    space = _Planned(law, cars.plant)
+    space = _Planned(law, cars.plant, planned_alone)
     best = dict.fromkeys(range(len(seeds)), space.usual)
     last = dict(best)
     per = draws or 1
@@ -165,11 +167,12 @@ def draws_of(start: int, draws: int, seed: int) -> list[int]:
 class _Planned:
     """The parameters that are searched among a law's: those that may be others for each start."""
 
-    def __init__(self, law: TunablePolicy, plant: Any) -> None:
+    def __init__(self, law: TunablePolicy, plant: Any, alone: bool) -> None:
         """``usual``: all those of the law; ``distribution``: what ``StartSearch`` takes."""
         self.usual = np.array(law.values)
         parameters = searched(type(law), plant)
-        self._places = [k for k, one in enumerate(parameters) if law.planned is None or one.name in law.planned]
+        chosen = law.planned if alone else None
+        self._places = [k for k, one in enumerate(parameters) if chosen is None or one.name in chosen]
         self._space = Space([parameters[k] for k in self._places])
         mean, deviation = self._space.places(self.usual[self._places]), SHARE_OF_SPREAD * self._space.deviation
         self.distribution = mean, deviation, self._space.least_deviation, self._space.bounds

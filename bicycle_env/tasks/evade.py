@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from bicycle_env.physics.actuators import FRONT
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.records import replaced
@@ -156,7 +154,7 @@ class Evade(Task):
             "return_time": (1.3, 2.0),
         },
         "medium": {},
-        "hard": {"front_actuator": dataclasses.replace(FRONT, rate_limit=math.radians(15.0))},
+        "hard": {"relative_friction": (0.3, 1.0), "obstacle_length": (0.3, 0.6), "return_time": (0.9, 1.6)},
     }
     flipped = ("side",)
     hidden = ("relative_friction",)
