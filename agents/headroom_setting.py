@@ -63,7 +63,7 @@ class Extent(NamedTuple):
     selection: int
     """Starts on which parameters are tuned, and on which the best of the restarts is chosen."""
     restarts: int
-    """Of a tuning; where the friction is known, one for each interval."""
+    """Of a tuning; where the friction is known, one for each interval, about what was tuned without knowing it."""
     iterations: int
     """Of a tuning, at most."""
     draws: int
@@ -122,7 +122,7 @@ class _Study:
             self.tuned(f"{name}, tuned, sees the state", name, FULL_STATE[self.setting.env_id])
         friction = hidden_friction(self.plant.task)
         if friction is not None:
-            self.knowing(names[-1], *friction)
+            self.knowing(names[-1], tuned[names[-1]].best.parameters, *friction)
         law = control.make(names[-1], self.plant, parameters=tuned[names[-1]].best.parameters)
         if self.hidden:
             self.without_knowing(law, control.make(best, self.plant, parameters=tuned[best].best.parameters))
@@ -160,7 +160,14 @@ class _Study:
         }
         self.rows[name] = Row(outcomes, {**figures, **more})
 
-    def tuning(self, name: str, keywords: Mapping[str, Any], restarts: int, what: str) -> optimum.Tuning:
+    def tuning(
+        self,
+        name: str,
+        keywords: Mapping[str, Any],
+        restarts: int,
+        what: str,
+        begin: Mapping[str, float] | None = None,
+    ) -> optimum.Tuning:
         law = control.tunable(name)
         enough = 6 if len(law.parameters) == 1 else optimum.budget(law).iterations  # a line is searched sooner
         iterations = min(self.extent.iterations, enough)
@@ -172,6 +179,7 @@ class _Study:
             self.selection_seeds,
             restarts=restarts,
             iterations=iterations,
+            begin=begin,
             seed=self.search_seed,
             progress=lambda done, total: self.tell(what, done, total),
         )
@@ -187,11 +195,18 @@ class _Study:
         self.row(label, outcomes, sees, controller=name, parameters=found.best.parameters, **spread)
         return found
 
-    def knowing(self, name: str, low: float, high: float, keywords_of: Callable[[float, float], Any]) -> None:
+    def knowing(
+        self,
+        name: str,
+        begin: Mapping[str, float],
+        low: float,
+        high: float,
+        keywords_of: Callable[[float, float], dict[str, Any]],
+    ) -> None:
         """The same law with parameters for intervals of the friction, each start driven with those of its own."""
         edges = np.linspace(low, high, FRICTIONS + 1)
         found = [
-            self.tuning(name, keywords_of(*ends), 1, f"tuning {name}, friction known")
+            self.tuning(name, keywords_of(*ends), 1, f"tuning {name}, friction known", begin)
             for ends in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
         ]
         frictions = self.frictions()

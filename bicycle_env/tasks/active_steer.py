@@ -114,7 +114,11 @@ class ActiveSteer(Task):
     }
     defaults = {"steer": "rear"}  # noqa: RUF012 (a constant)
     levels = {  # noqa: RUF012 (a constant)
-        "easy": {"relative_speed": (0.65, 0.836), "amplitude": (0.0349, 0.1047)},
+        "easy": {
+            "relative_speed": (0.65, 0.836),
+            "relative_friction": (0.8, 1.0),
+            "amplitude": (0.0349, 0.1047),
+        },
         "medium": {},
         "hard": {
             "frequency": (0.45, 1.0),
