@@ -79,7 +79,7 @@ ROUTES = [
     ({"direction": ["left"] * 5}, ValueError, r"direction'\] must be one word or num_envs = 6 of them, got 5"),
     ({"direction": ["left"] * 5 + ["lefft"]}, ValueError, r"direction'\]\[5\] .*got 'lefft'; did you mean 'left'"),
     ({"direction": ["left"] * 5 + ["random"]}, ValueError, r"direction'\]\[5\]"),
-    ({"direction": np.ones(6)}, TypeError, r"direction'\]\[0\] must be one of 'left', 'right'"),
+    ({"direction": np.full(6, 0.5)}, TypeError, r"direction'\]\[0\] must be one of 'left', 'right'"),
     ({"change_start": column(-0.1)}, ValueError, r"change_start.*\[0, 100\], got -0.1"),
     ({"change_start": column(100.5)}, ValueError, r"change_start.*\[0, 100\], got 100.5"),
     ({"change_start": column(math.nan)}, ValueError, "change_start.*got nan"),

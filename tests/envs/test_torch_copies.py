@@ -136,7 +136,7 @@ def test_each_car_changes_to_its_own_side_at_its_own_time():
     [
         ({"direction": ["left"] * 3}, ValueError, "direction.*num_envs = 4 of them, got 3"),
         ({"direction": ["left"] * 3 + ["rigth"]}, ValueError, r"\[3\].*did you mean 'right'"),
-        ({"direction": torch.ones(4)}, TypeError, "direction"),
+        ({"direction": 0.5 * torch.ones(4)}, TypeError, "direction"),
         ({"change_start": torch.tensor([0.0, 0.0, 0.0, 100.5])}, ValueError, r"change_start.*\[0, 100\], got 100.5"),
         ({"change_start": [0.0, 1.0]}, ValueError, "change_start"),
     ],
