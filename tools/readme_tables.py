@@ -201,7 +201,7 @@ def headroom_rows(chosen: Callable[[dict[str, Any]], bool]) -> str:
     """Of each setting: nobody, the best classical controller, those that know more, the bound, and the room."""
     result = read("headroom.json")
     heads = ["nobody", "best classical, tuned", "the law that knows the friction", "best found without knowing"]
-    heads += ["best found", "bound", "room [points]"]
+    heads += ["best found", "bound", "room [points]", "the optimum is"]
     lines = ["| success [%] | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
     for name, part in result["settings"].items():
         if chosen(part):
@@ -211,6 +211,7 @@ def headroom_rows(chosen: Callable[[dict[str, Any]], bool]) -> str:
             cells = [percent(rows["uncontrolled"]), f"{percent(rows[best])} `{best.removesuffix(', tuned')}`"]
             cells += [percent(one) for one in (knowing, rows.get("best found without knowing"), rows["best found"])]
             cells += [percent(rows.get("upper bound")), f"{100 * room['value']:.1f} [{low:.1f}, {high:.1f}]"]
+            cells.append("reached" if room["value"] <= 0.03 else "above" if room["value"] >= 0.1 else "a little above")
             words = f"`{part['env_id']}` {part['level']}" if part["level"] else name.partition(", ")[2]
             lines.append(f"| {words} | " + " | ".join(cells) + " |")
     counts = {row["starts"] for part in result["settings"].values() for row in part["drivers"].values()}
