@@ -21,7 +21,7 @@ PART = table(
     others=True,
 )
 REACHED = 0.03
-"""Room, a share of the starts, up to which the best classical controller is said to have reached the optimum."""
+"""Room, a share of the starts, up to which the best classical controller is said to have reached the reference."""
 LARGEST = 10_000_000
 """Bytes."""
 
@@ -44,7 +44,7 @@ class Known(NamedTuple):
         return self.reference_success - self.classical_success
 
     def score(self, success_rate: float) -> float | None:
-        """0 as good as the best classical controller, 1 as good as the reference; None where it has been reached."""
+        """0 as good as the best classical controller, 1 as good as the reference; None where there is no room between."""
         return (success_rate - self.classical_success) / self.room if self.room > REACHED else None
 
     def regret(self, episode_return: float) -> float:
@@ -99,6 +99,11 @@ def sentences(found: Known, rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
         told = ", ".join(f"{name} {row['score']:.2f}" for name, row in figures.items())
         lines = [f"score: {told} (0 and 1: {places})"]
     else:
-        lines = [f"no score: the optimum is known and reached ({places})"]
+        why = (
+            "nothing better was found without knowing what is hidden"
+            if "without" in found.reference
+            else "the optimum is known and reached"
+        )
+        lines = [f"no score: {why} ({places})"]
     told = ", ".join(f"{name} {row['regret']:.2f}" for name, row in figures.items())
     return [*lines, f"regret in return: {told} (best known {found.best_return:.2f}; results/headroom.json)"]
