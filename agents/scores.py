@@ -44,7 +44,7 @@ class Known(NamedTuple):
         return self.reference_success - self.classical_success
 
     def score(self, success_rate: float) -> float | None:
-        """0 as good as the best classical controller, 1 as good as the reference; None where no room is between them."""
+        """0 as good as the best classical controller, 1 as the reference; None where no room is between them."""
         return (success_rate - self.classical_success) / self.room if self.room > REACHED else None
 
     def regret(self, episode_return: float) -> float:
