@@ -207,8 +207,8 @@ def test_the_reward_by_hand():
                 + 10.0 * info["sideslip"] ** 2
                 + 0.2 * state.yaw_rate**2
                 + 0.05 * float(action @ action)
-                + 0.2 * float((action - last) @ (action - last))
-                + 40.0 * behind * (state.heading**2 + info["sideslip"] ** 2 + 0.25 * state.yaw_rate**2)
+                + 0.02 * float((action - last) @ (action - last))
+                + 2000.0 * behind * (state.heading**2 + info["sideslip"] ** 2 + 0.25 * state.yaw_rate**2)
             )
             assert reward == pytest.approx((0.1 if touched else 1.0) / (1.0 + c), rel=1e-12)
             assert 0.0 < reward <= 1.0
