@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -197,14 +196,14 @@ def percent(row: dict[str, Any] | None) -> str:
     return "-" if row is None else cell(row, "success_rate", 100)
 
 
-def headroom_rows(chosen: Callable[[dict[str, Any]], bool]) -> str:
-    """Of each setting: nobody, the best classical controller, those that know more, the bound, and the room."""
+def headroom() -> str:
+    """Of each level: nobody, the best classical controller, those that know more, the bound, and the room."""
     result = read("headroom.json")
     heads = ["nobody", "best classical, tuned", "the law that knows the friction", "best found without knowing"]
     heads += ["best found", "bound", "room [points]", "the optimum is"]
     lines = ["| success [%] | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
-    for name, part in result["settings"].items():
-        if chosen(part):
+    for part in result["settings"].values():
+        if part["level"]:
             rows, best, room = part["drivers"], part["classical"]["driver"], part["room"]
             low, high = (100 * end for end in room["interval"])
             knowing = next((row for driver, row in rows.items() if driver.endswith("knows the friction")), None)
@@ -212,13 +211,12 @@ def headroom_rows(chosen: Callable[[dict[str, Any]], bool]) -> str:
             cells += [percent(one) for one in (knowing, rows.get("best found without knowing"), rows["best found"])]
             cells += [percent(rows.get("upper bound")), f"{100 * room['value']:.1f} [{low:.1f}, {high:.1f}]"]
             cells.append(optimum(part))
-            words = f"`{part['env_id']}` {part['level']}" if part["level"] else name.partition(", ")[2]
-            lines.append(f"| {words} | " + " | ".join(cells) + " |")
+            lines.append(f"| `{part['env_id']}` {part['level']} | " + " | ".join(cells) + " |")
     counts = {row["starts"] for part in result["settings"].values() for row in part["drivers"].values()}
     more = (
         f'{max(counts)} starts for the controllers, the first 200 of them for "best found", the first 64 for "without '
-        f'knowing"; the room is over the same starts. {result["seconds"] / 60:.0f} minutes with {result["processes"]} '
-        "processes; `results/headroom.json`. In brackets: 95 % intervals."
+        f'knowing"; the room is over the same starts. {result["seconds"] / 60:.0f} minutes in all, '
+        "on a loaded machine, each setting at the revision that it says; `results/headroom.json`. In brackets: 95 % intervals."
     )
     return "\n".join([*lines, "", made(result, more)])
 
@@ -230,14 +228,6 @@ def optimum(part: dict[str, Any]) -> str:
         known = "found" if room >= 0.1 else "open"  # what a learner can do lies between the two searches
         return f"{known}: up to {100 * (best - part['classical']['success_rate']):.0f} points above"
     return "reached" if room <= 0.03 else "above" if room >= 0.1 else "a little above"
-
-
-def headroom() -> str:
-    return headroom_rows(lambda part: part["level"] is not None)
-
-
-def headroom_variants() -> str:
-    return headroom_rows(lambda part: part["level"] is None)
 
 
 def headroom_controllers() -> str:
@@ -356,7 +346,6 @@ TABLES = {
         tensors,
         gpu,
         headroom,
-        headroom_variants,
         headroom_controllers,
         entry_speed,
         controllers_stab,
