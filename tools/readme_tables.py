@@ -216,7 +216,8 @@ def headroom() -> str:
     more = (
         f'{max(counts)} starts for the controllers, the first 200 of them for "best found", the first 64 for "without '
         f'knowing"; the room is over the same starts. {result["seconds"] / 60:.0f} minutes in all, '
-        "on a loaded machine, each setting at the revision that it says; `results/headroom.json`. In brackets: 95 % intervals."
+        "on a loaded machine, each setting at the revision that it says; `results/headroom.json`. In brackets: 95 % "
+        "intervals."
     )
     return "\n".join([*lines, "", made(result, more)])
 
