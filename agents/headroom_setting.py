@@ -291,6 +291,7 @@ class _Study:
         kept = sorted(saved, key=lambda k: found[k].iterations == 0)[:KEPT_SEQUENCES]
         return [
             {
+                "env_id": self.setting.env_id,
                 "keywords": plain(self.setting.keywords),
                 "start": self.searched[k],
                 "iterations": found[k].iterations,

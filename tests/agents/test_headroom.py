@@ -51,7 +51,7 @@ def test_a_small_study(name, monkeypatch):
     assert part["best_return"] >= rows[BEST]["episode_return"]["value"] - 1e-9
     for one in part["sequences"]:
         assert one["start"] in start_seeds(TINY.searched, 1)
-        assert optimum.replay(setting.env_id, one["keywords"], one["start"], np.array(one["actions"])).success
+        assert optimum.replay(one["env_id"], one["keywords"], one["start"], np.array(one["actions"])).success
     json.dumps(part)
 
 

@@ -89,7 +89,7 @@ def test_knots_cover_the_span_and_end_at_nothing():
 
 COMMITTED = json.loads((ROOT / "results" / "headroom.steering.json").read_text())
 SEQUENCES = [
-    pytest.param({"env_id": COMMITTED.get("env_id"), **one}, id=f"{name}-{k}")
+    pytest.param(one, id=f"{name}-{k}", marks=[] if name == "BicycleStab-v0 medium" else pytest.mark.exhaustive)
     for name, many in COMMITTED["sequences"].items()
     for k, one in enumerate(many)
 ]
