@@ -38,8 +38,6 @@ FRICTIONS = 3
 """Intervals of a hidden friction; one that knows it has parameters for each."""
 KEPT_SEQUENCES = 2
 """Of each setting, steering sequences of the search that are written down."""
-OPTIMUM_REACHED = 0.03
-"""Room, as a share of the starts, below which a controller is said to have reached the best that is known."""
 
 UNCONTROLLED, BLIND, BEST, BOUND = "uncontrolled", "best found without knowing", "best found", "upper bound"
 
