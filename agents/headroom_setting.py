@@ -30,8 +30,8 @@ FULL_STATE = {"BicycleActiveSteer-v0": {"observed": "state"}}
 """Keywords with which a controller sees what the id does not show: the row of the last one stands twice."""
 LONGER = {"BicycleEvade-v0": {"iterations": 20, "planned_alone": False}}
 """How to search without knowing where more finds more: twice the iterations, over the weights beside the path."""
-POLISHED = {"rear-switched": 2}
-"""More restarts, about the best of those before: for laws with so many parameters that one restart does not end."""
+POLISHED = {"rear-switched": 2, "lqr": 2}
+"""More restarts, about the best of those before: where one restart does not end."""
 BOUNDED = ("BicycleStab-v0",)
 """Ids for which the recoverable set bounds what any steering saves."""
 FRICTIONS = 3
