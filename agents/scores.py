@@ -96,14 +96,20 @@ def sentences(found: Known, rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     )
     figures = scored(found, rows)
     if found.room > REACHED:
-        told = ", ".join(f"{name} {row['score']:.2f}" for name, row in figures.items())
+        told = ", ".join(f"{name} {row['score']:.2f}{_between(found, rows[name])}" for name, row in figures.items())
         lines = [f"score: {told} (0 and 1: {places})"]
     else:
         why = (
-            "nothing better was found without knowing what is hidden"
+            "nothing even three points better was found without knowing what is hidden"
             if "without" in found.reference
             else "the optimum is known and reached"
         )
         lines = [f"no score: {why} ({places})"]
     told = ", ".join(f"{name} {row['regret']:.2f}" for name, row in figures.items())
     return [*lines, f"regret in return: {told} (best known {found.best_return:.2f}; results/headroom.json)"]
+
+
+def _between(found: Known, row: Mapping[str, Any]) -> str:
+    """The interval of a row's score, of its success alone: few starts say little."""
+    ends = row["success_rate"].get("interval")
+    return "" if ends is None else " [{:.2f}, {:.2f}]".format(*(found.score(end) for end in ends))
