@@ -33,6 +33,7 @@ from bicycle_env.files import (
     read_bytes,
     read_json,
     remove_partial_files,
+    shown,
     table,
     text,
     unpack_arrays,
@@ -84,7 +85,7 @@ RECORD_CHECK = table(
     {
         "env_id": text(200),
         "env_keywords": mapping(anything),
-        "algo": one_of(settings.ALGORITHMS),
+        "algo": one_of([*settings.ALGORITHMS, *settings.OWN]),
         "seed": whole_in(0, 2**63),
         "settings": anything,  # checked with the algorithm known
         "finished": flag,
@@ -171,6 +172,49 @@ def has_run(path: Path) -> bool:
     except (FileError, OSError):
         return True  # what cannot be read is not overwritten
     return record is not None and record["finished"]
+
+
+def refuse_run(path: Path) -> None:
+    """UserError if a folder holds more than the beginning of a run."""
+    if has_run(path):
+        raise UserError(f"{path} holds a run already; choose another --out, or go on with --resume")
+
+
+def earlier_record(
+    folder: Folder, identity: Mapping[str, Any], check: Callable[[dict[str, Any]], object] = lambda _: None
+) -> dict[str, Any] | None:
+    """The record of the run in a folder; None if nothing was done yet.
+
+    Raises:
+        UserError: it is damaged, `check` raises an error of what is in it, or it is another run: one with another value
+            of what `identity` names.
+    """
+    try:
+        before = folder.record()
+        if before is None:
+            if folder.checkpoint() is not None:
+                raise FileError(f"{folder.path} has a checkpoint, but no run.json")
+            return None
+        check(before)
+    except (ValueError, TypeError, OSError) as error:
+        raise UserError(f"--resume: the record of the run is damaged: {shown(error)}") from None
+    for name, value in identity.items():
+        if before.get(name) != value:
+            raise UserError(
+                f"--resume: the run in {folder.path} has {name} = {shown(repr(before.get(name)))}, not {value!r}"
+            )
+    return before
+
+
+def changes(progress: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What is no longer as it was when a checkpoint was written, so that a run may not go on to the bit."""
+    versions = ((name, progress["versions"].get(name, "missing"), now["versions"][name]) for name in now["versions"])
+    found = [f"{name} was {before} and is {version}" for name, before, version in versions if before != version]
+    return found + [
+        f"the {words} was {progress[key]} and is {now[key]}"
+        for key, words in (("machine", "machine"), ("git", "revision"))
+        if progress[key] != now[key]
+    ]
 
 
 @contextlib.contextmanager

@@ -17,15 +17,13 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import RolloutReturn
 
-from agents import generators
+from agents import generators, state_arrays
+from agents.state_arrays import ANY, MOMENTS, Arrays, State
 from bicycle_env.envs.many.vector_env import VectorSnapshot
 
-State = dict[str, NDArray[Any]]
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": sb3.PPO, "sac": sb3.SAC, "td3": sb3.TD3}
 BUFFER_ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
-MOMENTS = ("step", "exp_avg", "exp_avg_sq", "max_exp_avg_sq")  # what Adam keeps for each parameter
 COUNTERS = ("num_timesteps", "_episode_num", "_n_updates")
-ANY = -1  # a length that is free
 LONGEST_STATISTICS = 10_000  # episodes in SB3's windows
 NO_SNAPSHOT = "the environment has no snapshot"
 
@@ -51,17 +49,13 @@ def algorithm(name: str) -> type[BaseAlgorithm]:
 
 def collect(model: BaseAlgorithm) -> State:
     """The state of a model between two rollouts, as arrays by name; those of the environment only if it can tell."""
-    state: State = {f"process.{name}": array for name, array in generators.of_process().items()}
+    state = state_arrays.of_process()
     state["action_space"] = generators.rows([model.action_space.np_random.bit_generator.state])
     state["counters"] = np.array([getattr(model, name) for name in COUNTERS], np.int64)
     state["progress_remaining"] = np.array([model._current_progress_remaining], np.float64)
-    for name, tensor in _tensors(model).items():
-        state[name] = tensor.detach().numpy().copy()
+    state |= state_arrays.of_tensors(_tensors(model))
     for name, optimizer in _optimizers(model).items():
-        state[f"{name}.lr"] = np.array([group["lr"] for group in optimizer.param_groups], np.float64)
-        for index, parameter in enumerate(_parameters(optimizer)):
-            for moment, value in optimizer.state.get(parameter, {}).items():
-                state[f"{name}.{index}.{moment}"] = value.detach().numpy().copy()
+        state |= state_arrays.of_adam(name, optimizer)
     if isinstance(model, OffPolicyAlgorithm):
         buffer: Any = model.replay_buffer
         state["buffer.place"] = np.array([buffer.pos, buffer.full], np.int64)
@@ -75,8 +69,7 @@ def collect(model: BaseAlgorithm) -> State:
     monitor: Any = model.get_env()
     snapshot = _snapshot(model)
     if snapshot is not None:
-        state["env.rows"] = snapshot.rows
-        state["env.generators"] = generators.rows(snapshot.generators)
+        state |= state_arrays.of_cars(snapshot)
         state["env.observation"] = np.array(model._last_obs, np.float32)
         state["env.episode_starts"] = np.array(model._last_episode_starts, np.bool_)
         state["monitor.returns"] = monitor.episode_returns.copy()
@@ -99,46 +92,26 @@ def put(model: BaseAlgorithm, state: State) -> bool:
     Raises:
         ValueError: an array is missing, has another shape or type than this model's, or a value that cannot be.
     """
-    left = dict(state)
-
-    def take(name: str, dtype: Any, *shape: int) -> NDArray[Any]:
-        if name not in left:
-            raise ValueError(f"{name!r} is missing")
-        array = left.pop(name)
-        fits = array.ndim == len(shape) and all(
-            want in (ANY, have) for want, have in zip(shape, array.shape, strict=False)
-        )
-        if array.dtype != np.dtype(dtype) or not fits:
-            raise ValueError(f"{name!r} must be {np.dtype(dtype)} of shape {shape}, is {array.dtype} of {array.shape}")
-        return array
-
+    arrays = Arrays(state)
+    take = arrays.take
     counters = take("counters", np.int64, len(COUNTERS))
     if np.any(counters < 0):
         raise ValueError("'counters' must not be negative")
     for name, value in zip(COUNTERS, counters.tolist(), strict=True):
         setattr(model, name, value)
     model._current_progress_remaining = float(take("progress_remaining", np.float64, 1)[0])
-    with torch.no_grad():
-        for name, tensor in _tensors(model).items():
-            tensor.copy_(torch.from_numpy(take(name, tensor.detach().numpy().dtype, *tensor.shape)))
+    state_arrays.put_tensors(_tensors(model), arrays)
     for name, optimizer in _optimizers(model).items():
-        _put_optimizer(name, optimizer, left, take)
+        state_arrays.put_adam(name, optimizer, arrays)
     if isinstance(model, OffPolicyAlgorithm):
         _put_buffer(model.replay_buffer, take)
     _put_episodes(model, take)
-    with_env = "env.rows" in left
+    with_env = "env.rows" in arrays
     if with_env:
-        _put_env(model, take)
+        _put_env(model, arrays)
     (model.action_space.np_random.bit_generator.state,) = generators.from_rows(take("action_space", np.uint64, 1, 6))
-    now = generators.of_process()
-    generators.set_process(
-        {
-            name: take(f"process.{name}", array.dtype, *((ANY,) if name == "python_gauss" else array.shape))
-            for name, array in now.items()
-        }
-    )
-    if left:
-        raise ValueError(f"{', '.join(map(repr, list(left)[:3]))}: nothing has this name here")
+    state_arrays.put_process(arrays)
+    arrays.end()
     return with_env
 
 
@@ -165,10 +138,6 @@ def _optimizers(model: BaseAlgorithm) -> dict[str, torch.optim.Optimizer]:
     return found
 
 
-def _parameters(optimizer: torch.optim.Optimizer) -> list[torch.Tensor]:
-    return [parameter for group in optimizer.param_groups for parameter in group["params"]]
-
-
 def _snapshot(model: BaseAlgorithm) -> VectorSnapshot | None:
     env: Any = model.get_env()
     if model._last_obs is None:
@@ -178,22 +147,6 @@ def _snapshot(model: BaseAlgorithm) -> VectorSnapshot | None:
     except AttributeError:
         return None
     return snapshot
-
-
-def _put_optimizer(name: str, optimizer: torch.optim.Optimizer, left: State, take: Callable[..., NDArray[Any]]) -> None:
-    rates = take(f"{name}.lr", np.float64, len(optimizer.param_groups)).tolist()
-    for group, rate in zip(optimizer.param_groups, rates, strict=True):
-        group["lr"] = rate
-    for index, parameter in enumerate(_parameters(optimizer)):
-        kept = [moment for moment in MOMENTS if f"{name}.{index}.{moment}" in left]
-        if kept and not {"step", "exp_avg", "exp_avg_sq"} <= set(kept):
-            raise ValueError(f"'{name}.{index}' must have all of Adam's moments, has {', '.join(kept)}")
-        for moment in kept:
-            shape = () if moment == "step" else tuple(parameter.shape)
-            value = take(f"{name}.{index}.{moment}", np.float32, *shape)
-            if moment != "exp_avg" and np.any(value < 0):
-                raise ValueError(f"'{name}.{index}.{moment}' must not be negative")
-            optimizer.state[parameter][moment] = torch.from_numpy(value.copy())
 
 
 def _put_buffer(buffer: Any, take: Callable[..., NDArray[Any]]) -> None:
@@ -219,18 +172,16 @@ def _put_episodes(model: BaseAlgorithm, take: Callable[..., NDArray[Any]]) -> No
     model.ep_success_buffer = deque(success, maxlen=model._stats_window_size)
 
 
-def _put_env(model: BaseAlgorithm, take: Callable[..., NDArray[Any]]) -> None:
+def _put_env(model: BaseAlgorithm, arrays: Arrays) -> None:
     monitor: Any = model.get_env()
-    rows = take("env.rows", monitor.env.unwrapped.dtype, ANY, ANY, ANY)  # its shape is checked by restore
-    states = generators.from_rows(take("env.generators", np.uint64, model.n_envs, 6))
-    observation = take("env.observation", np.float32, model.n_envs, *monitor.observation_space.shape)
-    there = monitor.restore(VectorSnapshot(rows, states))
+    there = state_arrays.put_cars(monitor, monitor.env.unwrapped.dtype, model.n_envs, arrays)
+    observation = arrays.take("env.observation", np.float32, model.n_envs, *monitor.observation_space.shape)
     if not np.array_equal(there, observation):
         raise ValueError("'env.observation' is not what the cars in 'env.rows' observe")
     model._last_obs = observation  # type: ignore[assignment]
-    model._last_episode_starts = take("env.episode_starts", np.bool_, model.n_envs)
-    monitor.episode_returns = take("monitor.returns", np.float32, model.n_envs)
-    monitor.episode_lengths = take("monitor.lengths", np.int32, model.n_envs)
+    model._last_episode_starts = arrays.take("env.episode_starts", np.bool_, model.n_envs)
+    monitor.episode_returns = arrays.take("monitor.returns", np.float32, model.n_envs)
+    monitor.episode_lengths = arrays.take("monitor.lengths", np.int32, model.n_envs)
     if np.any(monitor.episode_lengths < 0):
         raise ValueError("'monitor.lengths' must not be negative")
-    (monitor.episode_count,) = take("monitor.count", np.int64, 1).tolist()
+    (monitor.episode_count,) = arrays.take("monitor.count", np.int64, 1).tolist()

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+import argparse
+import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from agents.messages import UserError, console
-from bicycle_env.files import FileError, anything, listed, mapping, number_in, one_of, read_toml, table, whole_in
+from bicycle_env.files import (
+    FileError,
+    anything,
+    listed,
+    mapping,
+    number_in,
+    one_of,
+    parse_json,
+    read_toml,
+    table,
+    whole_in,
+)
 from bicycle_env.physics.validation import flag
 
 CONFIGS = Path(__file__).parent / "configs"
@@ -63,6 +77,29 @@ MODELS = {
         "target_noise_clip": number_in(0.0, 10.0),
     },
 }
+OWN = {
+    "native-ppo": {
+        "total_timesteps": whole_in(1, 10**12),
+        "cars": whole_in(2, 10**5),
+        "decisions": whole_in(1, 10**5),
+        "hold": whole_in(1, 1000),
+        "history": whole_in(1, 1000),
+        "epochs": whole_in(1, 10_000),
+        "minibatch": COUNT,
+        "learning_rate": SHARE,
+        "gamma": listed(SHARE, 2, 2),
+        "gae_lambda": SHARE,
+        "clip": number_in(1e-9, 1e6),
+        "entropy": number_in(0.0, 1e6),
+        "reward_scale": number_in(1e-9, 1e9),
+        "width": whole_in(1, 4096),
+        "deviation": number_in(1e-6, 1e3),
+        "mirrored": flag,
+        "informed_critic": flag,
+        "end_forfeited": flag,
+    },
+}
+"""Settings of this package's own trainers: options of their command lines."""
 NETWORK = table(
     {"activation": one_of(ACTIVATIONS)},
     {
@@ -72,6 +109,39 @@ NETWORK = table(
         "n_critics": whole_in(1, 16),
     },
 )
+
+
+def own(args: Any, algo: str) -> dict[str, Any]:
+    """The settings among the options of one of this package's trainers; UserError for a value out of its range."""
+    found: dict[str, Any] = {}
+    for name, check in OWN[algo].items():
+        value = getattr(args, name)
+        try:
+            found[name] = check(f"--{name.replace('_', '-')}", list(value) if isinstance(value, tuple) else value)
+        except (TypeError, ValueError) as error:
+            raise UserError(str(error)) from None
+    return found
+
+
+def usual(options: type[Any], algo: str, words: Sequence[str] | None = None) -> Any:
+    """A trainer's options with the settings that are shipped for the id, and the level, on its command line.
+
+    Of the file's table, ``[ALGO.hard]`` says what is other at the level "hard". An id without a file has the options'
+    own defaults.
+    """
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--env-id", "--env_id", default=DEFAULT)
+    parser.add_argument("--env-keywords", "--env_keywords", default="{}")
+    known, _ = parser.parse_known_args(None if words is None else list(words))
+    path = CONFIGS / f"{known.env_id}.toml"
+    if not path.is_file():
+        return options()
+    found = read_toml(path, mapping(anything)).get(algo, {})
+    levels = {name: found.pop(name) for name in list(found) if isinstance(found[name], dict)}
+    with contextlib.suppress(ValueError, TypeError):  # what is wrong with the keywords is said later
+        found |= levels.get(parse_json(known.env_keywords, "--env-keywords", mapping(anything)).get("level"), {})
+    checked = table({}, OWN[algo])(str(path), found)
+    return options(**{name: tuple(value) if isinstance(value, list) else value for name, value in checked.items()})
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ import bicycle_env  # noqa: F401  (registers the environments)
 from agents import export, messages, old_checkpoint, sb3_state, settings, stopping
 from agents.evaluate import environment, make_vector_env, parse_keywords
 from agents.messages import UserError
-from agents.run_folder import CURVE_HEADER, Folder, begun, has_run, held
+from agents.run_folder import CURVE_HEADER, Folder, begun, changes, earlier_record, held, refuse_run
 from bicycle_env import provenance
 from bicycle_env.backends import announcements
 from bicycle_env.files import FileError, shown
@@ -195,16 +195,7 @@ def load_checkpoint(folder: Folder, model: BaseAlgorithm, record: Record) -> str
     if old:
         return "the checkpoint is of an earlier revision and lacks the generators and the cars' state"
     reasons = [] if with_env else [sb3_state.NO_SNAPSHOT]
-    now = record.made_by
-    for name, version in now["versions"].items():
-        before = progress["versions"].get(name, "missing")
-        if before != version:
-            reasons.append(f"{name} was {before} and is {version}")
-    reasons += [
-        f"the {words} was {progress[key]} and is {now[key]}"
-        for key, words in (("machine", "machine"), ("git", "revision"))
-        if progress[key] != now[key]
-    ]
+    reasons += changes(progress, record.made_by)
     if progress["total_timesteps"] != record.total and decays(model):
         reasons.append(f"the decaying learning rate was to end at {progress['total_timesteps']} steps")
     return shown("; ".join(reasons))
@@ -236,7 +227,9 @@ def train(args: Args, console: Console) -> Path:
     with held(path) as folder:
         before = None
         if args.resume:
-            before = earlier_run(folder, identity)
+            before = earlier_record(
+                folder, identity, lambda found: settings.checked("settings", found["settings"], found["algo"])
+            )
             chosen = chosen if before is None else settings.Settings(**before["settings"])
             model = build(args, chosen, keywords, path / "tensorboard")
         else:
@@ -278,31 +271,6 @@ def train(args: Args, console: Console) -> Path:
         model.get_env().close()
     _summary(console, args, path, model, record.seconds)
     return path
-
-
-def refuse_run(path: Path) -> None:
-    """UserError if a folder holds more than the beginning of a run."""
-    if has_run(path):
-        raise UserError(f"{path} holds a run already; choose another --out, or go on with --resume")
-
-
-def earlier_run(folder: Folder, identity: dict[str, Any]) -> dict[str, Any] | None:
-    """The record of the run in a folder; None if nothing was done yet. UserError if it is damaged or another run."""
-    try:
-        before = folder.record()
-        if before is None:
-            if folder.checkpoint() is not None:
-                raise FileError(f"{folder.path} has a checkpoint, but no run.json")
-            return None
-        settings.checked("settings", before["settings"], before["algo"])
-    except (ValueError, TypeError, OSError) as error:
-        raise UserError(f"--resume: the record of the run is damaged: {shown(error)}") from None
-    for name, value in identity.items():
-        if before.get(name) != value:
-            raise UserError(
-                f"--resume: the run in {folder.path} has {name} = {shown(repr(before.get(name)))}, not {value!r}"
-            )
-    return before
 
 
 def _learn(model: BaseAlgorithm, record: Record, quiet: bool, fresh: bool) -> None:

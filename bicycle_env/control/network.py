@@ -1,4 +1,8 @@
-"""A trained policy as data: weights in a safetensors file, the rest in a JSON file. numpy suffices to act."""
+"""A trained policy as data: weights in a safetensors file, the rest in a JSON file. numpy suffices to act.
+
+What belongs to the policy and not to the environment stands in its file too: for how long it holds an action, how many
+observations it sees, what the mirror image of one is. So it drives the environment that all others drive.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.control.policy import Array, Policy
+from bicycle_env.control.remembered import Remembered
 from bicycle_env.files import (
     FileError,
     anything,
@@ -33,7 +38,8 @@ from bicycle_env.files import (
 WEIGHTS_FILE = "policy.safetensors"
 DESCRIPTION_FILE = "policy.json"
 FORMAT = "bicycle-env policy"
-VERSION = 1
+VERSION = 2
+"""Of the files that are written; those of version 1 hold no action, see one observation and have no mirror image."""
 
 
 def relu(x: Any) -> Any:
@@ -50,10 +56,11 @@ ACTIVATIONS: dict[str, Callable[[Any], Any]] = {"tanh": np.tanh, "relu": relu}
 OUTPUTS: dict[str, Callable[[Any], Any]] = {"clip": clip, "tanh": np.tanh}
 LARGEST = 100_000_000  # bytes of the weights
 MOST_LAYERS, WIDEST = 100, 100_000
+MOST_HELD, MOST_SEEN = 1000, 1000
 DESCRIPTION = table(
     {
         "format": one_of([FORMAT]),
-        "version": whole_in(VERSION, VERSION),
+        "version": whole_in(1, VERSION),
         "env_id": text(200),
         "observation_names": listed(text(200), 1, WIDEST),
         "activation": one_of(ACTIVATIONS),
@@ -61,20 +68,35 @@ DESCRIPTION = table(
         "layers": listed(listed(whole_in(1, WIDEST), 2, 2), 1, MOST_LAYERS),
         "weights_sha256": text(64),
     },
-    {"env_keywords": mapping(anything, 100)},
+    {
+        "env_keywords": mapping(anything, 100),
+        "hold": whole_in(1, MOST_HELD),
+        "history": whole_in(1, MOST_SEEN),
+        "mirror": listed(whole_in(-1, 1), 1, WIDEST),
+    },
     others=True,
 )
 """What policy.json must hold; what else stands there is kept, and nothing is done with it."""
 
 
+ROWS = 16
+"""That a matrix product has: always as many, so that a car's action does not depend on how many others are driven."""
+
+
 class Network(Policy):
     """A multilayer perceptron: affine layers with an activation between them, and an output law that bounds the action.
+
+    One car of many is driven as if it were alone, to the bit.
 
     Args:
         layers: (weight (out, in), bias (out,)) of each affine layer, first to last.
         activation: "tanh" or "relu".
         output: "clip" or "tanh".
         description: what else ``policy.json`` holds: ``env_id``, ``observation_names`` and whatever tells its origin.
+            Of it these act: ``hold``, the control steps for which an action is held; ``history``, how many observations
+            the first layer takes, those of the last decisions, the newest first, at first all of the start;
+            ``mirror``, +1 or -1 for each entry of an observation: then the action is half the difference of those to
+            the observation and to its mirror image, so that mirror images are answered by mirror images.
 
     Raises:
         ValueError: shapes that do not fit together, values that are not finite, unknown words.
@@ -93,7 +115,12 @@ class Network(Policy):
         names = description["observation_names"]
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise ValueError(f"observation_names must be a list of names, got {names!r}")
-        width = len(names)
+        self._hold, self._history = description.get("hold", 1), description.get("history", 1)
+        mirror = description.get("mirror")
+        if mirror is not None and (len(mirror) != len(names) or 0 in mirror):
+            raise ValueError(f"mirror must be +1 or -1 for each of {len(names)} observations, got {mirror!r}")
+        self._mirror = None if mirror is None else np.tile(np.array(mirror, np.float32), self._history)
+        width = len(names) * self._history
         if not layers:
             raise ValueError("a policy needs at least one layer")
         for k, (weight, bias) in enumerate(layers):
@@ -103,6 +130,9 @@ class Network(Policy):
                 raise ValueError(f"layer {k} has values that are not finite")
             width = weight.shape[0]
         self._layers = [(np.ascontiguousarray(weight.T), bias) for weight, bias in layers]
+        self._axles = width
+        # Of each car how often it was asked, its last action, and the observations of its last decisions.
+        self._remembered = Remembered(1 + width + len(names) * self._history)
         self._activation, self._output = ACTIVATIONS[activation], OUTPUTS[output]
         self.description = {
             **description,
@@ -113,20 +143,54 @@ class Network(Policy):
             "layers": [list(weight.shape) for weight, _ in layers],
         }
 
-    def act(self, observation: Array) -> NDArray[np.float32]:
-        x: Any = np.asarray(observation, np.float32)
-        for weight, bias in self._layers[:-1]:
-            x = self._activation(x @ weight + bias)
-        weight, bias = self._layers[-1]
-        return np.asarray(self._output(x @ weight + bias), np.float32)
+    def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
+        self._remembered.reset(rows)
 
-    def save(self, folder: str | Path) -> None:
-        """Write both files into a folder."""
+    def act(self, observation: Array) -> NDArray[np.float32]:
+        cars = np.atleast_2d(np.asarray(observation, np.float32))
+        actions: NDArray[np.float32] = self._decided(cars) if self._hold == self._history == 1 else self._held(cars)
+        return np.asarray(actions.reshape(*np.shape(observation)[:-1], self._axles), np.float32)
+
+    def _held(self, cars: Any) -> Any:
+        """The actions where not every call decides, or not on the present observation alone."""
+        remembered = self._remembered.of(len(cars))
+        asked, actions, seen = np.split(remembered, (1, 1 + self._axles), axis=1)  # views
+        first, now = asked[:, 0] == 0.0, asked[:, 0] % self._hold == 0.0
+        asked += 1.0
+        if np.any(now):
+            seen[now] = np.hstack((cars, seen[:, : -cars.shape[1]]))[now]
+            seen[first] = np.tile(cars[first], self._history)
+            actions[now] = self._decided(seen[now].astype(np.float32))
+        return actions.astype(np.float32)
+
+    def _decided(self, seen: Any) -> Any:
+        """(cars, axles) of what each sees."""
+        if self._mirror is None:
+            return self._output(self._raw(seen))
+        return self._output(0.5 * (self._raw(seen) - self._raw(seen * self._mirror)))
+
+    def _raw(self, seen: Any) -> Any:
+        """What the last layer gives."""
+        blocks = -(-len(seen) // ROWS)
+        x: Any = np.zeros((blocks * ROWS, seen.shape[1]), np.float32)
+        x[: len(seen)] = seen
+        x = x.reshape(blocks, ROWS, -1)
+        for weight, bias in self._layers[:-1]:
+            x = self._activation(np.matmul(x, weight) + bias)
+        weight, bias = self._layers[-1]
+        return (np.matmul(x, weight) + bias).reshape(blocks * ROWS, -1)[: len(seen)]
+
+    def arrays(self) -> dict[str, NDArray[np.float32]]:
+        """Its weights by name: ``layer0.weight`` (out, in), ``layer0.bias`` (out,), and so on."""
         tensors = {}
         for k, (weight, bias) in enumerate(self._layers):
             tensors[f"layer{k}.weight"] = np.ascontiguousarray(weight.T, np.float32)
             tensors[f"layer{k}.bias"] = np.ascontiguousarray(bias, np.float32)
-        content = pack_arrays(tensors)
+        return tensors
+
+    def save(self, folder: str | Path) -> None:
+        """Write both files into a folder."""
+        content = pack_arrays(self.arrays())
         write_bytes(Path(folder) / WEIGHTS_FILE, content)
         write_json(Path(folder) / DESCRIPTION_FILE, {**self.description, "weights_sha256": _sha256(content)})
 

@@ -133,6 +133,7 @@ class ActiveSteer(Task):
     options = {"direction": SIDES, **RANGES}  # noqa: RUF012 (a constant)
     companions = twin.NAMES
     hidden = ("relative_friction", "amplitude", "frequency", "dwell")
+    forfeits = ("yaw_rate_missed", "displacement_missed")
 
     direction: str = "random"
     relative_speed: tuple[float, float] = (0.88, 1.0)

@@ -148,6 +148,10 @@ class AlteredTask(Task):
         return (*self.task.hidden, *self.kept_hidden)
 
     @property
+    def forfeits(self) -> tuple[str, ...]:  # type: ignore[override]
+        return self.task.forfeits
+
+    @property
     def limits(self) -> Limits:
         return self.task.limits
 

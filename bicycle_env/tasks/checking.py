@@ -56,7 +56,7 @@ def _check_task(task: Task) -> None:
         raise ValueError(f"task {name}: TaskState must have other names than the car's, got {', '.join(sorted(taken))}")
     if task.State._fields != state_record(name, task.TaskState)._fields:
         raise ValueError(f"task {name}: State must be left out, it follows from TaskState; got {task.State._fields}")
-    for what in ("flipped", "hidden"):
+    for what in ("flipped", "hidden", "forfeits"):
         names = getattr(task, what) or ()
         if not set(names) <= set(task.TaskState._fields):
             raise ValueError(f"task {name}: {what} must be names of TaskState, {task.TaskState._fields}, got {names}")

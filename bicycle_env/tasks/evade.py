@@ -158,6 +158,7 @@ class Evade(Task):
     }
     flipped = ("side",)
     hidden = ("relative_friction",)
+    forfeits = ("touched",)
     options = {"direction": SIDES, **RANGES}  # noqa: RUF012 (a constant)
 
     direction: str = "random"

@@ -108,6 +108,8 @@ class Task(abc.ABC):
     """Names in ``TaskState`` that change sign in the mirror image; None for a task that has no mirror image."""
     hidden: ClassVar[tuple[str, ...]] = ()
     """Names in ``TaskState`` that are drawn for an episode and that its first observation does not tell."""
+    forfeits: ClassVar[tuple[str, ...]] = ()
+    """Names in ``TaskState`` of what is 1 once success can no longer come, though the episode goes on, else 0."""
 
     def __new__(cls, *_: Any, **__: Any) -> Self:
         """TypeError that names all that the task must say and does not."""

@@ -1,0 +1,264 @@
+"""What the trainers of this package share: a run in its folder, its learning curve, its best policy, its checkpoints.
+
+A trainer asks :class:`Run` between two of its updates, where nothing is half done: what is due is written, and a run
+that was stopped and goes on from there gives the policy of one that was not, to the bit, on one machine with one set of
+versions.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+
+from agents import messages, stopping
+from agents.episodes import start_seeds
+from agents.messages import UserError
+from agents.run_folder import Folder, begun, changes, earlier_record, held, refuse_run
+from agents.state_arrays import ANY, Arrays, State
+from bicycle_env import control, optimum, provenance
+from bicycle_env.files import FileError, shown
+
+SELECTED = 500
+"""Starts on which the best policy of a run is chosen; they are in no table."""
+SELECTION_SEED = 0
+ASSESSMENTS = 20
+"""Points of the learning curve."""
+CHECKPOINTS = 10
+LARGEST_STATE = 200_000_000  # bytes
+
+Layers = list[tuple[NDArray[Any], NDArray[Any]]]
+"""(weight (out, in), bias (out,)) of each affine layer."""
+
+
+@dataclass
+class Plan:
+    """What a run is, and for how long."""
+
+    env_id: str
+    env_keywords: dict[str, Any]
+    algo: str
+    seed: int
+    settings: dict[str, Any]
+    total_timesteps: int
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What a run that goes on must have as before."""
+        return {
+            "env_id": self.env_id,
+            "env_keywords": self.env_keywords,
+            "algo": self.algo,
+            "seed": self.seed,
+            "settings": {**self.settings, "total_timesteps": self.total_timesteps},
+        }
+
+
+def damaged(error: Exception) -> UserError:
+    """What is said of a checkpoint that cannot be used."""
+    return UserError(f"--resume: the checkpoint is damaged: {shown(error)}")
+
+
+class Run:
+    """A training under way: made by :func:`run_in`.
+
+    Args:
+        folder: its own.
+        plan: what it is.
+        cars: of its environment, on which policies are assessed.
+        manner: what the policy's file says of how it acts: "hold", "history", "mirror".
+    """
+
+    def __init__(self, folder: Folder, plan: Plan, cars: optimum.Cars, manner: Mapping[str, Any]) -> None:
+        self._folder, self._plan, self._cars, self._manner = folder, plan, cars, manner
+        self._seeds = start_seeds(SELECTED, SELECTION_SEED, "select")
+        made_by = provenance.collect()
+        self._made_by = {name: made_by[name] for name in ("versions", "machine", "git")}
+        self.record = {**plan.identity, **made_by, "finished": False, "resumed": []}
+        self._curve: list[str] = []
+        self._policy: control.Network | None = None
+        self._best = (-1.0, -np.inf, 0)
+        self._saved_at, self._before, self._start = 0, 0.0, time.perf_counter()
+        self.timesteps = 0
+        """Control steps that all cars have driven."""
+        self.request = stopping.Request()
+        self._tell: Callable[[], None] = lambda: None
+
+    @property
+    def seconds(self) -> float:
+        """Of training and assessing, those before a stop included."""
+        return self._before + time.perf_counter() - self._start
+
+    @property
+    def best(self) -> tuple[float, float, int]:
+        """Of the best policy: success and mean return on the starts that select, and after how many steps it was."""
+        return self._best
+
+    def network(self, layers: Layers) -> control.Network:
+        """The policy of a multilayer perceptron with tanh."""
+        names = list(self._cars.plant.observation_names)
+        identity = {name: value for name, value in self._plan.identity.items() if name != "settings"}
+        description = {**identity, "timesteps": self.timesteps, "observation_names": names, **self._manner}
+        return control.Network(layers, "tanh", "clip", description)
+
+    def after_update(
+        self, timesteps: int, policy: Callable[[], control.Network], state: Callable[[], State], finite: bool
+    ) -> None:
+        """What is due after so many steps: a point of the learning curve, a checkpoint, the end.
+
+        Args:
+            timesteps: control steps that all cars have driven.
+            policy: gives the deterministic policy as it is now.
+            state: gives the arrays that the trainer goes on from.
+            finite: whether all that was learned is.
+
+        Raises:
+            UserError: the training has diverged.
+            Stopped: a signal came; a checkpoint is written.
+        """
+        if not finite:
+            raise UserError(
+                f"training has diverged: after {timesteps} steps weights are not finite; a smaller learning rate may "
+                f"help. The last good checkpoint is that of {self._saved_at} steps, in {self._folder.path}"
+            )
+        before, self.timesteps = self.timesteps, timesteps
+        self._tell()
+        total = self._plan.total_timesteps
+        over = timesteps >= total
+        if over or _passed(before, timesteps, total, ASSESSMENTS):
+            self._assess(policy())
+        if over or self.request.number is not None or _passed(before, timesteps, total, CHECKPOINTS):
+            self._save(state())
+        if self.request.number is not None and not over:
+            raise stopping.Stopped(
+                self.request.number, f"stopped at {timesteps} steps; go on with the same command and --resume"
+            )
+
+    def show(self, bar: Progress) -> None:
+        """Show there how far the run is."""
+        job = bar.add_task("", total=self._plan.total_timesteps)
+
+        def tell() -> None:
+            words = f"{self._plan.env_id}, seed {self._plan.seed}"
+            if self._policy is not None:
+                words += f": best saves {100.0 * self._best[0]:.1f} %"
+            bar.update(job, completed=self.timesteps, description=words)
+
+        self._tell = tell
+        tell()
+
+    def _assess(self, policy: control.Network) -> None:
+        outcomes = optimum.drive(self._cars.of(SELECTED), optimum.by(policy), self._seeds)
+        success, mean_return, length = (float(np.mean(column)) for column in np.take(outcomes, (0, 2, 3), axis=0))
+        self._curve.append(f"{self.timesteps},{self.seconds:.1f},{success:.4f},{mean_return:.3f},{length:.1f}")
+        if (success, mean_return) > self._best[:2]:
+            self._best, self._policy = (success, mean_return, self.timesteps), policy
+
+    def _save(self, state: State) -> None:
+        progress = {
+            "timesteps": self.timesteps,
+            "total_timesteps": self._plan.total_timesteps,
+            "seconds": round(self.seconds, 1),
+            "curve": self._curve,
+            **self._made_by,
+        }
+        kept = {} if self._policy is None else {f"best.{name}": array for name, array in self._policy.arrays().items()}
+        self._folder.save(progress, {**state, **kept, "best": np.array(self._best, np.float64)})
+        self._saved_at = self.timesteps
+
+    def go_on(self, place: Path, before: Mapping[str, Any], console: Console) -> Arrays:
+        """Take up what the last checkpoint has of the run itself; gives what it has of the trainer.
+
+        Raises:
+            UserError: it is damaged, or the run has come to its end already.
+        """
+        try:
+            progress = self._folder.progress(place)
+            if "digest" not in progress:
+                raise FileError(f"{place}: of another kind of training")
+            arrays = Arrays(self._folder.arrays(place, progress["digest"], LARGEST_STATE))
+            self._take_up(arrays, progress)
+        except (ValueError, OSError) as error:
+            raise damaged(error) from None
+        if before["finished"]:
+            raise UserError(f"--resume: the run has finished: {self.timesteps} steps")
+        reasons = changes(progress, self._made_by)
+        entry = {"at": self.timesteps, "exact": not reasons}
+        if reasons:
+            entry["reason"] = shown("; ".join(reasons))
+            console.print(f"note: the run goes on, but not to the bit as without the stop: {entry['reason']}")
+        self.record["resumed"] = [*before.get("resumed", []), entry]
+        return arrays
+
+    def _take_up(self, arrays: Arrays, progress: Mapping[str, Any]) -> None:
+        success, mean_return, when = arrays.take("best", np.float64, 3).tolist()
+        self._best = (success, mean_return, int(when))
+        layers: Layers = []
+        while (name := f"best.layer{len(layers)}") + ".weight" in arrays:
+            weight = arrays.take(f"{name}.weight", np.float32, ANY, ANY)
+            layers.append((weight, arrays.take(f"{name}.bias", np.float32, ANY)))
+        self.timesteps = self._best[2]
+        self._policy = self.network(layers) if layers else None
+        self.timesteps = self._saved_at = progress["timesteps"]
+        self._curve, self._before = list(progress["curve"]), progress["seconds"]
+
+    def finish(self) -> None:
+        """Write the best policy, and that the run has finished."""
+        if self._policy is None:
+            raise ValueError("a run must be assessed before it finishes")
+        self._policy.save(self._folder.path)
+        spent = {"timesteps": self.timesteps, "seconds": round(self.seconds, 1)}
+        success, mean_return, when = self._best
+        best = {"timesteps": when, "success_rate": success, "episode_return": mean_return, "starts": SELECTED}
+        self._folder.write_record({**self.record, "finished": True, **spent, "best": best})
+
+
+def _passed(before: int, now: int, total: int, points: int) -> bool:
+    """Whether one of so many points of the whole lies between."""
+    every = max(1, total // points)
+    return now // every > before // every
+
+
+@contextlib.contextmanager
+def run_in(
+    path: Path,
+    plan: Plan,
+    cars: optimum.Cars,
+    manner: Mapping[str, Any],
+    resume: bool,
+    console: Console,
+    quiet: bool,
+) -> Iterator[tuple[Run, Arrays | None]]:
+    """A run in its folder, and the arrays from which it goes on, None from the beginning; signals only make a request.
+
+    Raises:
+        UserError: the folder holds another run, a damaged one, or with `resume` none.
+    """
+    if resume and not begun(path):
+        raise UserError(f"--resume: {path} holds no run")
+    if not resume:
+        refuse_run(path)
+    with held(path) as folder:
+        before = None
+        if resume:
+            before = earlier_record(folder, plan.identity)
+        else:
+            refuse_run(path)  # another training may have begun meanwhile
+        run, arrays = Run(folder, plan, cars, manner), None
+        place = folder.checkpoint()
+        if before is not None and place is not None:
+            arrays = run.go_on(place, before, console)
+        folder.write_record(run.record)
+        with contextlib.ExitStack() as stack:
+            if not quiet:
+                run.show(stack.enter_context(messages.progress()))
+            run.request = stack.enter_context(stopping.deferred())
+            yield run, arrays
