@@ -72,15 +72,20 @@ class Args:
 
 def correlation(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Spearman's of success and return, with its 95 % bootstrap interval over policies; 0 where they have no order."""
-
-    def spearman(pairs: Array) -> float:
-        known = len(pairs) > 2 and np.all(np.ptp(pairs, axis=0) > 0.0)
-        return float(spearmanr(pairs[:, 0], pairs[:, 1]).statistic) if known else 0.0
-
-    pairs = np.array([[row[name]["value"] for name in ("success_rate", "episode_return")] for row in rows]).reshape(
-        -1, 2
-    )
+    pairs = pairs_of(rows)
     return {"value": spearman(pairs), "interval": bootstrap(pairs, spearman)}
+
+
+def pairs_of(rows: Sequence[dict[str, Any]]) -> Array:
+    """(policies, 2), success and return."""
+    pairs = [[row[name]["value"] for name in ("success_rate", "episode_return")] for row in rows]
+    return np.array(pairs).reshape(-1, 2)
+
+
+def spearman(pairs: Array) -> float:
+    """Spearman's correlation of two columns; 0 where they have no order."""
+    known = len(pairs) > 2 and np.all(np.ptp(pairs, axis=0) > 0.0)
+    return float(spearmanr(pairs[:, 0], pairs[:, 1]).statistic) if known else 0.0
 
 
 def ranks(bench: Bench, args: Args, done: Callable[[], None]) -> dict[str, Any]:

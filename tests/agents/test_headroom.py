@@ -7,7 +7,6 @@ import json
 import math
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -16,6 +15,9 @@ from agents.episodes import start_seeds
 from agents.headroom_setting import BEST, BLIND, BOUND, UNCONTROLLED, Extent
 from agents.messages import UserError
 from bicycle_env import Actuator, optimum
+from bicycle_env.tasks.evade import Evade
+from bicycle_env.tasks.options import altered
+from bicycle_env.tasks.stabilise import Stabilise
 
 RESULTS = Path(__file__).parents[2] / "results"
 TINY = Extent(12, 6, 4, 4, 8, 2, 2, 2, 8)
@@ -91,21 +93,20 @@ def test_a_part_of_other_code_is_not_taken(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("env_id", "keywords", "expected"),
+    ("task", "expected"),
     [
-        ("BicycleStab-v0", {}, None),
-        ("BicycleEvade-v0", {}, (0.4, 1.0, {"relative_friction": (0.5, 0.6)})),
-        ("BicycleEvade-v0", {"relative_friction": (1.0, 1.0)}, None),
+        (Stabilise(), None),
+        (Evade(relative_friction=(0.4, 1.0)), (0.4, 1.0, {"relative_friction": (0.5, 0.6)})),
+        (Evade(relative_friction=(1.0, 1.0)), None),
         (
-            "BicycleStab-v0",
-            {"randomise": {"friction": (0.3, 0.9)}},
+            altered(Stabilise(), randomise={"friction": (0.3, 0.9)}),
             (0.3, 0.9, {"randomise": {"friction": (0.5, 0.6)}}),
         ),
-        ("BicycleStab-v0", {"randomise": {"mass": (0.9, 1.1, "relative")}}, None),
+        (altered(Stabilise(), randomise={"mass": (0.9, 1.1, "relative")}), None),
     ],
 )
-def test_which_friction_is_hidden(env_id, keywords, expected):
-    found = headroom_setting.hidden_friction(gym.make(env_id, **keywords).unwrapped.task)
+def test_which_friction_is_hidden(task, expected):
+    found = headroom_setting.hidden_friction(task)
     assert (found and (*found[:2], found[2](0.5, 0.6))) == expected
 
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from combinations import some_of
+from combinations import only_all, some_of
 
 from bicycle_env import Vehicle, analysis, report, vehicles
 from bicycle_env.report.quantities import groups
@@ -18,7 +18,7 @@ COARSE = 31
 AXLES = {"front": "front_steer", "rear": "rear_steer"}
 
 
-@pytest.fixture(scope="module", params=some_of(vehicles, ["oversteer", "civic"]))
+@pytest.fixture(scope="module", params=some_of(vehicles, ["civic"]))
 def study(request):
     return report.study(request.param, grid=COARSE)
 
@@ -194,7 +194,7 @@ def test_the_linear_tire_has_no_limit():
     ("name", "speed", "text"),
     [
         ("oversteer", 43.0, "above 36.1 m/s (130 km/h) it is unstable: here a deviation doubles in 1.1"),
-        ("oversteer", 20.0, "becomes unstable above 36.1 m/s (130 km/h) and is stable here"),
+        only_all("oversteer", 20.0, "becomes unstable above 36.1 m/s (130 km/h) and is stable here"),
         ("neutral", 30.0, "This car is neutral; it is stable at every speed"),
         ("civic", 30.0, "This car understeers; it is stable at every speed"),
     ],

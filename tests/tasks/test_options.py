@@ -82,7 +82,7 @@ def drive(env, commands, seed=4, options=None):
 
 
 @pytest.mark.parametrize(
-    ("env_id", "varied"), [(STAB, True), only_all(STAB, False), only_all(LANE, True), only_all(LANE, False)]
+    ("env_id", "varied"), [only_all(env_id, varied) for env_id in (STAB, LANE) for varied in (True, False)]
 )
 def test_everything_at_once_is_the_same_for_one_car_many_and_tensors(env_id, varied):
     given = {**QUICK, **EVERYTHING, **LATE, "autoreset_mode": "Disabled", "telemetry": True}
