@@ -58,10 +58,10 @@ lint: $(VENV)/.installed-test
 	$(BIN)/python -m mypy
 
 stab: $(VENV)/.installed-demo
-	$(BIN)/python -m agents.benchmark --env-id BicycleStab-v0 --seeds 10 --out $(OUT)/BicycleStab-v0-ppo.json
+	$(BIN)/python -m agents.seeds --env-id BicycleStab-v0 --seeds 10 --out $(OUT)/BicycleStab-v0-ppo.json
 
 lane-change: $(VENV)/.installed-demo
-	$(BIN)/python -m agents.benchmark --env-id BicycleLaneChange-v0 --median-of-lqr 0.8 --worst-of-lqr 0.5 \
+	$(BIN)/python -m agents.seeds --env-id BicycleLaneChange-v0 --median-of-lqr 0.8 --worst-of-lqr 0.5 \
 		--out $(OUT)/BicycleLaneChange-v0-ppo.json
 
 controllers: $(VENV)/.installed-test

@@ -1,187 +1,310 @@
-"""Train several seeds, evaluate all on the same starts beside the classical controllers, write one results file.
+"""The whole table: every learner on every id and level of the plan, some seeds each, beside the classical controllers.
 
-    python -m agents.benchmark --env-id BicycleLaneChange-v0 --algo ppo --seeds 5
+    python -m agents.benchmark                       # runs it, or goes on where it was stopped
+    python -m agents.benchmark --quick               # ten minutes: two seeds, a tenth of the steps
 
-Writes runs/ENV_ID-ALGO.json and, beside it, a picture of the learning curves and one of driven episodes.
+A cell is an id, a level and a learner. Its seeds are trained in processes of their own, side by side, and kept in
+runs/benchmark/; what has finished there is not done again. Every policy then drives the same 2000 starts as the best
+classical controller tuned for the level (results/headroom.json), so that their difference is one of the same starts.
+Written: runs/benchmark.json and, beside it, learning curves against steps and seconds, and performance profiles.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
 
-from agents import messages, pictures, scores, settings
-from agents.episodes import evaluate, hardest_saved, summarise
-from agents.evaluate import console_for_tables, find_policy, make_env, table
+from agents import benchmark_picture, messages, scores
+from agents.episodes import start_seeds
+from agents.evaluate import console_for_tables
 from agents.messages import UserError
-from agents.statistics import bootstrap, iqm
-from bicycle_env import control, files, provenance
+from agents.statistics import bootstrap, iqm, mean, share
+from bicycle_env import control, files, optimum, provenance
+from bicycle_env.optimum import Outcomes
 
-ALWAYS = ("lqr", "zero")
-PROGRESS = files.table({"timesteps": files.whole_in(0, 10**12)}, others=True)
-RUN = files.table(
-    {"seed": files.whole_in(0, 10**12), "timesteps": files.whole_in(0, 10**12), "seconds": files.number_in(0, 1e12)},
-    others=True,
+STARTS, REPORT_SEED = 2000, 1
+"""That report: no policy, no setting and no checkpoint is chosen on them."""
+NEAR = 0.02
+"""Of success, within which a training is said to have come to the best found."""
+LEARNERS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "native-ppo": ("agents.ppo", ()),
+    "policy-search": ("agents.policy_search", ()),
+    "sb3-ppo": ("agents.train", ("--algo", "ppo")),
+    "sb3-sac": ("agents.train", ("--algo", "sac")),
+}
+"""The module that trains, and options of its command line."""
+QUICK_SEEDS, QUICK_SHARE = 2, 0.1
+
+
+class Cell(NamedTuple):
+    """Some seeds of a learner on an id and level."""
+
+    env_id: str
+    level: str
+    learner: str
+    seeds: int
+
+    @property
+    def name(self) -> str:
+        return f"{self.env_id} {self.level} {self.learner}"
+
+
+ROOM = ("BicycleStab-v0", "BicycleActiveSteer-v0", "BicycleEvade-v0")
+PLAN = (
+    *(Cell(env_id, "medium", learner, 10) for env_id in ROOM for learner in ("native-ppo", "policy-search")),
+    *(Cell(env_id, "hard", learner, 10) for env_id in ROOM for learner in ("native-ppo", "policy-search")),
+    *(
+        Cell(env_id, "medium", learner, 5)
+        for env_id in ("BicycleLaneChange-v0", "BicycleDoubleLaneChange-v0")
+        for learner in ("native-ppo", "policy-search")
+    ),
+    *(Cell(env_id, "medium", "sb3-ppo", 5) for env_id in ("BicycleStab-v0", "BicycleActiveSteer-v0")),
+    Cell("BicycleStab-v0", "medium", "sb3-sac", 3),
 )
+"""In the order in which it is driven."""
 
 
 @dataclass
 class Args:
-    """Train with several seeds and compare with LQR and the uncontrolled car."""
+    """Train and compare every learner, or go on with it; the table, one results file and its pictures."""
 
-    env_id: str = "BicycleLaneChange-v0"
-    """Environment id."""
-    algo: Literal["ppo", "sac", "td3"] = "ppo"
-    """Algorithm of Stable-Baselines3."""
-    seeds: int = 5
-    """How many: 0, 1, 2, ..."""
-    episodes: int = 200
-    """Starts of the evaluation, the same for every policy."""
-    controllers: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME [NAME ...]")] = ()
-    """Other controllers that drive the same starts beside lqr and zero, by the names that agents.evaluate lists."""
-    evaluation_seed: int = 1
-    """Seed of these starts."""
-    total_timesteps: int | None = None
-    """Training steps; by default as agents/configs says."""
+    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORDS [WORDS ...]")] = ()
+    """Only cells in whose name ("BicycleStab-v0 medium native-ppo") all of these stand, as they are."""
+    seeds: int | None = None
+    """Of each cell, 0, 1, 2, ...; by default as the plan says."""
     jobs: int = 2
     """Trainings at a time, one core each."""
-    out: Path | None = None
-    """Results file; by default runs/ENV_ID-ALGO.json."""
+    quick: bool = False
+    """Two seeds of each cell, a tenth of the steps: to see that all works, not how well."""
     runs: Path | None = None
-    """Folder for the runs; by default a new one under runs/. Finished runs found there are kept, others go on."""
-    median_of_lqr: float = 0.0
-    """Exit 1 if the median success over seeds is below this share of LQR's."""
-    worst_of_lqr: float = 0.0
-    """Exit 1 if any seed's success is below this share of LQR's."""
+    """Folder of the trainings; by default runs/benchmark, with --quick runs/benchmark-quick."""
+    out: Path = Path("runs/benchmark.json")
+    """Results file; the cells in it that are not trained now stay as they are."""
 
 
-def train_all(args: Args, folder: Path, total: int) -> list[Path]:
-    """Run the trainings in processes of their own, `jobs` at a time; gives the runs' folders."""
-    folders = [folder / f"seed{seed}" for seed in range(args.seeds)]
-    waiting = [(seed, place) for seed, place in enumerate(folders) if not (place / "policy.json").is_file()]
-    running: dict[Path, tuple[subprocess.Popen[str], Any]] = {}
+class Job(NamedTuple):
+    """A training of one seed."""
+
+    cell: Cell
+    seed: int
+    folder: Path
+
+    @property
+    def done(self) -> bool:
+        return (self.folder / "policy.json").is_file()
+
+    def command(self, quick: bool) -> list[str]:
+        module, options = LEARNERS[self.cell.learner]
+        words = [sys.executable, "-m", module, *options, "--env-id", self.cell.env_id, "--seed", str(self.seed)]
+        words += ["--env-keywords", json.dumps({"level": self.cell.level}), "--out", str(self.folder), "--quiet"]
+        if quick:
+            words += ["--total-timesteps", str(quick_steps(self.cell))]
+        return [*words, "--resume"] if (self.folder / "run.json").is_file() else words
+
+
+def quick_steps(cell: Cell) -> int:
+    """A tenth of what the cell's settings say."""
+    from agents import settings
+
+    if cell.learner in settings.OWN:
+        module = __import__(LEARNERS[cell.learner][0], fromlist=["Args"])
+        words = ["--env-id", cell.env_id, "--env-keywords", json.dumps({"level": cell.level})]
+        steps = settings.usual(module.Args, cell.learner, words).total_timesteps
+    else:
+        steps = settings.read(cell.env_id, LEARNERS[cell.learner][1][1]).total_timesteps
+    return max(1, int(QUICK_SHARE * steps))
+
+
+def chosen(args: Args) -> list[Cell]:
+    """The cells that the options ask for; UserError if there are none."""
+    seeds = QUICK_SEEDS if args.quick and args.seeds is None else args.seeds
+    found = [cell for cell in PLAN if all(word in cell.name for word in args.only)]
+    if not found:
+        names = "\n".join(cell.name for cell in PLAN)
+        raise UserError(f"--only {' '.join(args.only)}: no cell has all of these words; the cells are\n{names}")
+    return found if seeds is None else [cell._replace(seeds=seeds) for cell in found]
+
+
+def train_all(jobs: list[Job], args: Args) -> None:
+    """Train what has not finished, `jobs` at a time; a bar with the time that is left.
+
+    Raises:
+        UserError: a training failed; the others are stopped, and go on with the same command.
+    """
+    waiting = [job for job in jobs if not job.done]
+    running: dict[Job, subprocess.Popen[str]] = {}
     with messages.progress() as bar:
-        while waiting or running:
-            while waiting and len(running) < args.jobs:
-                seed, place = waiting.pop(0)
-                command = [sys.executable, "-m", "agents.train", "--env-id", args.env_id, "--algo", args.algo]
-                command += ["--seed", str(seed), "--total-timesteps", str(total), "--out", str(place), "--quiet"]
-                if (place / "run.json").is_file():
-                    command.append("--resume")
-                process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-                running[place] = process, bar.add_task(f"seed {seed}", total=total)
-            for place, (process, job) in list(running.items()):
-                progress = place / "checkpoint" / "progress.json"
-                if progress.is_file():
-                    bar.update(job, completed=files.read_json(progress, PROGRESS)["timesteps"])
-                if process.poll() is not None:
-                    del running[place]
-                    bar.update(job, completed=total)
-                    if process.returncode:
-                        _, errors = process.communicate()
-                        for other, _ in running.values():
-                            other.terminate()
-                        raise UserError(f"training in {place} failed: {errors.strip().splitlines()[-1:]}")
-            time.sleep(0.5)
-    return folders
+        task = bar.add_task("trainings", total=len(jobs), completed=len(jobs) - len(waiting))
+        try:
+            while waiting or running:
+                while waiting and len(running) < args.jobs:
+                    job = waiting.pop(0)
+                    running[job] = subprocess.Popen(
+                        job.command(args.quick), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+                    )
+                    bar.update(task, description=f"{job.cell.name}, seed {job.seed}")
+                for job, process in list(running.items()):
+                    if process.poll() is not None:
+                        del running[job]
+                        bar.advance(task)
+                        if process.returncode:
+                            errors = (process.stderr.read() if process.stderr else "").strip().splitlines()
+                            raise UserError(f"training in {job.folder} failed: {files.shown(' '.join(errors[-1:]))}")
+                time.sleep(0.2)
+        finally:
+            for process in running.values():
+                process.terminate()
 
 
-def aggregate(seeds: list[dict[str, Any]]) -> dict[str, Any]:
-    """Interquartile mean over seeds with a 95 % bootstrap interval, per figure."""
-    found: dict[str, Any] = {}
-    figures = [key for key, figure in seeds[0].items() if isinstance(figure, dict) and "value" in figure]
-    for key in figures:
-        values = [row[key]["value"] for row in seeds if key in row]
-        if len(values) == len(seeds):
-            found[key] = {"value": iqm(values), "interval": bootstrap(values, iqm), "median": float(np.median(values))}
-            found[key]["range"] = [min(values), max(values)]
+def measured(cell: Cell, folders: list[Path]) -> dict[str, Any]:
+    """How a cell's policies do on the starts that report, and how long it took."""
+    keywords = {"level": cell.level}
+    cars = optimum.Cars(cell.env_id, keywords)
+    starts = start_seeds(STARTS, REPORT_SEED)
+    many = cars.of(STARTS)
+    classical = known_classical(cell)
+    law = control.make(classical["controller"], cars.plant, parameters=classical["parameters"])
+    theirs = optimum.drive(many, optimum.by(law), starts)
+    known = scores.known_of(cell.env_id, cell.level)
+    found = [optimum.drive(many, optimum.by(control.load(folder)), starts) for folder in folders]
+    seeds = [one_seed(folder, outcomes, known) for folder, outcomes in zip(folders, found, strict=True)]
+    difference = np.array([one.success.astype(float) - theirs.success for one in found])
+    return {
+        **cell._asdict(),
+        "classical": {"controller": classical["controller"], "success_rate": share(theirs.success)},
+        "trainings": seeds,
+        "over_seeds": {key: over_seeds([one[key]["value"] for one in seeds]) for key in FIGURES},
+        "better_than_classical": {"value": iqm(difference.mean(axis=1)), "interval": stratified(difference)},
+        "profile": [float(np.mean([one.success.mean() >= level for one in found])) for level in PROFILE],
+    }
+
+
+FIGURES = ("success_rate", "on_road_rate", "episode_return")
+PROFILE = [round(0.01 * k, 2) for k in range(101)]
+
+
+def one_seed(folder: Path, outcomes: Outcomes, known: scores.Known | None) -> dict[str, Any]:
+    """A training's figures and its learning curve."""
+    run = files.read_json(folder / "run.json", files.table({"seed": files.whole_in(0, 10**12)}, others=True))
+    curve = np.loadtxt(folder / "curve.csv", delimiter=",", skiprows=1, ndmin=2)
+    figures: dict[str, Any] = {
+        "seed": run["seed"],
+        "timesteps": run["timesteps"],
+        "seconds": run["seconds"],
+        "success_rate": share(outcomes.success),
+        "on_road_rate": share(outcomes.on_road),
+        "episode_return": mean(outcomes.episode_return),
+        "curve": [[int(row[0]), float(row[1]), float(row[2])] for row in curve[:, :3]],
+    }
+    if known is not None:
+        success = figures["success_rate"]["value"]
+        figures |= {"score": known.score(success), "regret": known.regret(figures["episode_return"]["value"])}
+        near = [seconds for _, seconds, rate in figures["curve"] if rate >= known.reference_success - NEAR]
+        figures["seconds_to_reference"] = near[0] if near else None
+    return figures
+
+
+def over_seeds(values: list[float]) -> dict[str, Any]:
+    """Interquartile mean over seeds, its 95 % bootstrap interval, and the range."""
+    return {"value": iqm(values), "interval": bootstrap(values, iqm), "range": [min(values), max(values)]}
+
+
+def stratified(difference: NDArray[np.float64], samples: int = 2000) -> tuple[float, float]:
+    """95 % bootstrap interval of the interquartile mean over seeds: seeds and starts are both drawn anew."""
+    random = np.random.default_rng(0)
+    seeds, starts = difference.shape
+    drawn = [
+        iqm(difference[random.integers(0, seeds, seeds)][:, random.integers(0, starts, starts)].mean(axis=1))
+        for _ in range(samples)
+    ]
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return float(low), float(high)
+
+
+def known_classical(cell: Cell) -> dict[str, Any]:
+    """The best classical controller tuned for the cell's level, with its parameters; UserError if none is on disk."""
+    part = scores.part_of(cell.env_id, cell.level)
+    if part is None:
+        raise UserError(f"{scores.FILE} knows no classical controller for {cell.env_id} {cell.level}: make headroom")
+    found: dict[str, Any] = part["drivers"][part["classical"]["driver"]]
     return found
 
 
-def main() -> int:
+def shown(cells: dict[str, dict[str, Any]]) -> Table:
+    """For people."""
+    table = Table(
+        box=box.SIMPLE_HEAD, title=f"{STARTS} starts, the same for all; interquartile mean over seeds [95 % interval]"
+    )
+    for heading in ("id and level", "learner", "seeds", "success [%]", "best classical [%]", "better by [points]",
+                    "return", "seconds"):  # fmt: skip
+        table.add_column(heading, justify="left" if heading in ("id and level", "learner") else "right", no_wrap=True)
+    for cell in cells.values():
+        success, better = cell["over_seeds"]["success_rate"], cell["better_than_classical"]
+        seconds = np.median([one["seconds"] for one in cell["trainings"]])
+        table.add_row(
+            f"{cell['env_id']} {cell['level']}",
+            cell["learner"],
+            str(len(cell["trainings"])),
+            interval(success, 100.0),
+            f"{100.0 * cell['classical']['success_rate']['value']:.1f} {cell['classical']['controller']}",
+            interval(better, 100.0),
+            interval(cell["over_seeds"]["episode_return"], 1.0),
+            f"{seconds:.0f}",
+        )
+    return table
+
+
+def interval(figure: dict[str, Any], factor: float) -> str:
+    low, high = figure["interval"]
+    return f"{factor * figure['value']:.1f} [{factor * low:.1f}, {factor * high:.1f}]"
+
+
+def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.benchmark", description=__doc__)
-    messages.check_least(args, seeds=1, jobs=1, episodes=1, evaluation_seed=0, total_timesteps=1)
-    out = args.out or Path("runs") / f"{args.env_id}-{args.algo}.json"
-    messages.check_output("--out", out)
-    messages.check_output("--runs", args.runs, folder=True)
+    messages.check_least(args, seeds=1, jobs=1)
+    messages.check_output("--out", args.out)
+    runs = args.runs or Path("runs") / ("benchmark-quick" if args.quick else "benchmark")
+    messages.check_output("--runs", runs, folder=True)
+    cells = chosen(args)
+    for cell in cells:
+        known_classical(cell)  # before any work
     console = console_for_tables()
-    env: Any = make_env(args.env_id, {"telemetry": True})
-    task = env.unwrapped.task
-    by_name = {name: find_policy(name, env) for name in (*ALWAYS, *args.controllers)}
-    total = args.total_timesteps or settings.read(args.env_id, args.algo).total_timesteps
-    folder = args.runs or Path("runs") / time.strftime(f"benchmark-{args.env_id}-{args.algo}-%Y%m%d-%H%M%S")
-    console.print(f"training {args.algo.upper()} on {args.env_id}, {args.seeds} seeds of {total:,} steps, in {folder}")
-    folders = train_all(args, folder, total)
+    jobs = [Job(cell, seed, runs / cell.name.replace(" ", "-") / f"seed{seed}") for cell in cells for seed in
+            range(cell.seeds)]  # fmt: skip
+    train_all(jobs, args)
+    before: dict[str, Any] = {}
+    if args.out.is_file():
+        before = files.read_json(args.out, CONTENT, LARGEST)["cells"]
+    made_by = provenance.collect()
+    for cell in cells:
+        folders = [job.folder for job in jobs if job.cell == cell]
+        before[cell.name] = {**measured(cell, folders), "git": made_by["git"], "date": made_by["date"]}
+        console.print(f"measured: {cell.name}")
+    ordered = {cell.name: before[cell.name] for cell in PLAN if cell.name in before}
+    command = " ".join(["python -m agents.benchmark", *(["--quick"] if args.quick else [])])
+    files.write_json(args.out, {"command": command, **made_by, "starts": STARTS, "seed": REPORT_SEED, "cells": ordered})
+    benchmark_picture.draw(ordered, args.out.with_suffix(".png"))
+    console.print(shown(ordered))
+    console.print(f"written: {args.out}, {args.out.with_suffix('.png').name}")
 
-    by_hand = {name: evaluate(env, policy, args.episodes, args.evaluation_seed) for name, policy in by_name.items()}
-    controllers = {name: summarise(driven) for name, driven in by_hand.items()}
-    learned = [evaluate(env, control.load(place), args.episodes, args.evaluation_seed) for place in folders]
-    seeds = [summarise(driven) for driven in learned]
-    trainings = []
-    for place in folders:
-        run = files.read_json(place / "run.json", RUN)
-        trainings.append({key: run[key] for key in ("seed", "timesteps", "seconds")})
-    whole = aggregate(seeds)
-    algo = args.algo.upper()
-    rows = {**controllers, **{f"{algo}, seed {k}": row for k, row in enumerate(seeds)}}
-    console.print(table(f"{args.env_id}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows, task))
-    console.print(table(f"over {args.seeds} seeds: interquartile mean [95 % bootstrap interval]", {algo: whole}, task))
 
-    found = scores.known(env)
-    every = {**controllers, algo: whole}
-    for line in [] if found is None else scores.sentences(found, every):
-        console.print(line)
-
-    lqr = controllers["lqr"]["success_rate"]["value"]
-    shares = [row["success_rate"]["value"] for row in seeds]
-    files.write_json(
-        out,
-        {
-            "command": f"python -m agents.benchmark --env-id {args.env_id} --algo {args.algo} --seeds {args.seeds}"
-            + (f" --controllers {' '.join(args.controllers)}" if args.controllers else ""),
-            **provenance.collect(),
-            "env_id": args.env_id,
-            "algo": args.algo,
-            "evaluation_seed": args.evaluation_seed,
-            "trainings": trainings,
-            "controllers": controllers,
-            "seeds": seeds,
-            "over_seeds": whole,
-            **({} if found is None else {"scores": scores.scored(found, every)}),
-            "median_success_of_lqr": float(np.median(shares)) / lqr if lqr else None,
-            "worst_success_of_lqr": min(shares) / lqr if lqr else None,
-        },
-    )
-    curves, drive = out.with_suffix(".curves.png"), out.with_suffix(".drive.png")
-    pictures.learning_curves(
-        [place / "curve.csv" for place in folders],
-        args,
-        {name: row["success_rate"]["value"] for name, row in controllers.items()},
-        curves,
-    )
-    median = int(np.argsort(shares)[len(shares) // 2])
-    drivers = {name: by_name[name] for name in reversed(ALWAYS)}
-    start = hardest_saved(by_hand["lqr"], learned[median], args.evaluation_seed)
-    pictures.drive(env, {**drivers, "learned": control.load(folders[median])}, start, drive)
-    slowest = max(training["seconds"] for training in trainings)
-    of_lqr = [share / lqr if lqr else float("nan") for share in (float(np.median(shares)), min(shares))]
-    console.print(
-        f"median success {np.median(shares):.3f} = {of_lqr[0]:.2f} of LQR's, worst {min(shares):.3f} = "
-        f"{of_lqr[1]:.2f}; slowest training {slowest:.0f} s\n"
-        f"written: {out}, {curves.name}, {drive.name}"
-    )
-    failed = np.median(shares) < args.median_of_lqr * lqr or min(shares) < args.worst_of_lqr * lqr
-    if failed:
-        console.print(f"below what was asked: median {args.median_of_lqr}, worst {args.worst_of_lqr} of LQR's success")
-    return int(failed)
-
+LARGEST = 50_000_000
+"""Bytes of a results file."""
+CONTENT = files.table({"cells": files.mapping(files.mapping(files.anything))}, others=True)
+_ = (Callable, dataclasses)
 
 if __name__ == "__main__":
     messages.run(main)

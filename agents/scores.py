@@ -59,10 +59,14 @@ def known(env: Any, path: Path = FILE) -> Known | None:
         FileError: the file is damaged.
     """
     plant = env.unwrapped
-    if plant.spec is None or plant.scored_level is None or not path.is_file():
+    if plant.spec is None or plant.scored_level is None:
         return None
-    settings = read_json(path, table({"settings": mapping(PART)}, others=True), largest=LARGEST)["settings"]
-    part = settings.get(f"{plant.spec.id} {plant.scored_level}")
+    return known_of(plant.spec.id, plant.scored_level, path)
+
+
+def known_of(env_id: str, level: str, path: Path = FILE) -> Known | None:
+    """The same, by the id and the level."""
+    part = part_of(env_id, level, path)
     if part is None:
         return None
     classical, reference = part["classical"], part["reference"]
@@ -75,6 +79,26 @@ def known(env: Any, path: Path = FILE) -> Known | None:
         (low, high),
         part["best_return"],
     )
+
+
+def part_of(env_id: str, level: str, path: Path = FILE) -> dict[str, Any] | None:
+    """All that the file holds of a level; None where there is none.
+
+    Raises:
+        FileError: the file is damaged.
+    """
+    if not path.is_file():
+        return None
+    settings = read_json(path, table({"settings": mapping(PART)}, others=True), largest=LARGEST)["settings"]
+    found: dict[str, Any] | None = settings.get(f"{env_id} {level}")
+    return found
+
+
+def tuned(env_id: str, level: str | None, controller: str, path: Path = FILE) -> dict[str, float] | None:
+    """The parameters of a controller that were tuned for a level; None where there are none."""
+    part = None if level is None else part_of(env_id, level, path)
+    row = {} if part is None else part.get("drivers", {}).get(f"{controller}, tuned", {})
+    return row.get("parameters")
 
 
 def scored(found: Known, rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, float | None]]:
