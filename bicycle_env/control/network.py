@@ -57,6 +57,12 @@ OUTPUTS: dict[str, Callable[[Any], Any]] = {"clip": clip, "tanh": np.tanh}
 LARGEST = 100_000_000  # bytes of the weights
 MOST_LAYERS, WIDEST = 100, 100_000
 MOST_HELD, MOST_SEEN = 1000, 1000
+ACTS: dict[str, Callable[[str, Any], Any]] = {
+    "hold": whole_in(1, MOST_HELD),
+    "history": whole_in(1, MOST_SEEN),
+    "mirror": listed(whole_in(-1, 1), 1, WIDEST),
+}
+"""How a policy may act: see :class:`Network`."""
 DESCRIPTION = table(
     {
         "format": one_of([FORMAT]),
@@ -68,15 +74,10 @@ DESCRIPTION = table(
         "layers": listed(listed(whole_in(1, WIDEST), 2, 2), 1, MOST_LAYERS),
         "weights_sha256": text(64),
     },
-    {
-        "env_keywords": mapping(anything, 100),
-        "hold": whole_in(1, MOST_HELD),
-        "history": whole_in(1, MOST_SEEN),
-        "mirror": listed(whole_in(-1, 1), 1, WIDEST),
-    },
+    {"env_keywords": mapping(anything, 100)},
     others=True,
 )
-"""What policy.json must hold; what else stands there is kept, and nothing is done with it."""
+"""What policy.json must hold; what else stands there is kept, and only what `ACTS` names does anything."""
 
 
 ROWS = 16
@@ -115,11 +116,10 @@ class Network(Policy):
         names = description["observation_names"]
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise ValueError(f"observation_names must be a list of names, got {names!r}")
-        self._hold, self._history = description.get("hold", 1), description.get("history", 1)
-        mirror = description.get("mirror")
+        acts = {name: check(name, description[name]) for name, check in ACTS.items() if name in description}
+        self._hold, self._history, mirror = acts.get("hold", 1), acts.get("history", 1), acts.get("mirror")
         if mirror is not None and (len(mirror) != len(names) or 0 in mirror):
             raise ValueError(f"mirror must be +1 or -1 for each of {len(names)} observations, got {mirror!r}")
-        self._mirror = None if mirror is None else np.tile(np.array(mirror, np.float32), self._history)
         width = len(names) * self._history
         if not layers:
             raise ValueError("a policy needs at least one layer")
@@ -129,6 +129,7 @@ class Network(Policy):
             if not (np.all(np.isfinite(weight)) and np.all(np.isfinite(bias))):
                 raise ValueError(f"layer {k} has values that are not finite")
             width = weight.shape[0]
+        self._mirror = None if mirror is None else np.tile(np.array(mirror, np.float32), self._history)
         self._layers = [(np.ascontiguousarray(weight.T), bias) for weight, bias in layers]
         self._axles = width
         # Of each car how often it was asked, its last action, and the observations of its last decisions.
@@ -171,14 +172,13 @@ class Network(Policy):
 
     def _raw(self, seen: Any) -> Any:
         """What the last layer gives."""
-        blocks = -(-len(seen) // ROWS)
-        x: Any = np.zeros((blocks * ROWS, seen.shape[1]), np.float32)
-        x[: len(seen)] = seen
-        x = x.reshape(blocks, ROWS, -1)
+        cars, width = seen.shape
+        x: Any = np.zeros((-(-cars // ROWS), ROWS, width), np.float32)
+        x.reshape(-1, width)[:cars] = seen
         for weight, bias in self._layers[:-1]:
             x = self._activation(np.matmul(x, weight) + bias)
         weight, bias = self._layers[-1]
-        return (np.matmul(x, weight) + bias).reshape(blocks * ROWS, -1)[: len(seen)]
+        return (np.matmul(x, weight) + bias).reshape(-1, self._axles)[:cars]
 
     def arrays(self) -> dict[str, NDArray[np.float32]]:
         """Its weights by name: ``layer0.weight`` (out, in), ``layer0.bias`` (out,), and so on."""

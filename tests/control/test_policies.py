@@ -48,12 +48,14 @@ DRIVES = [
 
 def network(env, axles):
     rng = np.random.default_rng(0)
-    width = len(env.observation_names)
+    names, mirror = list(env.observation_names), env.observation_mirror.astype(int).tolist()
+    width = 2 * len(names)
     layers = [
         ((0.1 * rng.normal(size=(16, width))).astype(np.float32), rng.normal(size=16).astype(np.float32)),
         ((0.1 * rng.normal(size=(axles, 16))).astype(np.float32), np.zeros(axles, np.float32)),
     ]
-    return control.Network(layers, "tanh", "clip", {"env_id": "x", "observation_names": list(env.observation_names)})
+    acts = {"hold": 2, "history": 2, "mirror": mirror}
+    return control.Network(layers, "tanh", "clip", {"env_id": "x", "observation_names": names, **acts})
 
 
 def policy_of(name, env):
@@ -92,11 +94,11 @@ def test_one_observation_and_many(name, steer, env_id):
     assert policy.act(many[:0]).shape == (0, axles)
 
 
-@pytest.mark.parametrize(("env_id", "name", "steer"), DRIVES)
+@pytest.mark.parametrize(("env_id", "name", "steer"), [*DRIVES, (IDS[0], "network", "both")])
 def test_the_mirror_image_is_steered_the_other_way(name, steer, env_id):
     """Over some steps, memory included; small angles, where nothing is clipped."""
     env = gym.make(env_id, steer=steer).unwrapped
-    left, right = control.make(name, env), control.make(name, env)
+    left, right = policy_of(name, env), policy_of(name, env)
     rng = np.random.default_rng(3)
     moved = False
     for _ in range(15):

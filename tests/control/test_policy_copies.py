@@ -26,14 +26,16 @@ def make(name):
         return control.MPC(ENV, horizon=10)
     if name == "noisy lqg":
         return LQG(ENV, sensor_noise=Noise(0.01, 0.1), seed=3)
-    if name == "network":
-        layers = [(np.full((4, len(ENV.observation_names)), 0.1), np.zeros(4)), (np.full((2, 4), 0.1), np.zeros(2))]
-        return Network(layers, "relu", "clip", {"observation_names": list(ENV.observation_names)})
+    if name in ("network", "network that remembers"):
+        acts = {} if name == "network" else {"hold": 2, "history": 2}
+        width = len(ENV.observation_names) * acts.get("history", 1)
+        layers = [(np.full((4, width), 0.1), np.zeros(4)), (np.full((2, 4), 0.1), np.zeros(2))]
+        return Network(layers, "tanh", "clip", {"observation_names": list(ENV.observation_names), **acts})
     return control.make(name, HOMES.get(name, ENV))
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", [*control.POLICIES, "noisy lqg", "preview+sano", "network"])
+@pytest.mark.parametrize("name", [*control.POLICIES, "noisy lqg", "preview+sano", "network", "network that remembers"])
 def test_a_copy_goes_on_as_the_original(name, way):
     policy = make(name)
     policy.reset()
@@ -43,7 +45,7 @@ def test_a_copy_goes_on_as_the_original(name, way):
     other = WAYS[way](policy)
     actions = [policy.act(observation) for observation in seen[3:]]  # the original first: nothing is shared
     assert [action.tolist() for action in actions] == [other.act(row).tolist() for row in seen[3:]]
-    if name in ("mpc", "lqg"):
+    if name in ("mpc", "lqg", "network that remembers"):
         other.reset()
         assert other.act(seen[3]).tolist() != actions[0].tolist(), "it remembers nothing, so this test is empty"
 

@@ -26,7 +26,13 @@ def layers(seed=0, sizes=(5, 8, 6, 2), dtype=np.float32):
 
 
 def network(seed=0, activation="tanh", output="clip", **more):
-    return Network(layers(seed), activation, output, {"env_id": "BicycleStab-v0", "observation_names": NAMES, **more})
+    description = {"env_id": "BicycleStab-v0", "observation_names": NAMES, **more}
+    return Network(layers(seed, (5 * more.get("history", 1), 8, 6, 2)), activation, output, description)
+
+
+MIRROR = [1, -1, -1, 1, -1]
+ACTS = {"hold": 2, "history": 3, "mirror": MIRROR}
+"""What a policy's file may say of how it acts."""
 
 
 @pytest.fixture
@@ -74,6 +80,64 @@ def test_a_single_layer_is_affine():
     np.testing.assert_allclose(policy.act(np.array([1.0, 2.0, 3.0, 4.0, 5.0])), [0.3, -0.1], atol=1e-7)
 
 
+def test_an_action_is_held_and_the_observations_of_the_last_decisions_are_seen():
+    policy = network(output="tanh", hold=4, history=3)
+    at_once = Network(layers(0, (15, 8, 6, 2)), "tanh", "tanh", {"observation_names": [*NAMES, *NAMES, *NAMES]})
+    seen = np.random.default_rng(1).normal(size=(14, 5)).astype(np.float32)
+    for _ in range(2):
+        actions = [policy.act(observation) for observation in seen]
+        for step, decisions in enumerate([[0, 0, 0]] * 4 + [[4, 0, 0]] * 4 + [[8, 4, 0]] * 4 + [[12, 8, 4]] * 2):
+            assert np.array_equal(actions[step], at_once.act(seen[decisions].ravel())), step
+        policy.reset()
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("acts", [{"mirror": MIRROR}, ACTS], ids=["mirror", "all"])
+def test_a_mirror_image_is_answered_by_the_mirror_image(acts, output):
+    image, actions = np.array(MIRROR, np.float32), []
+    original, mirrored = network(output=output, **acts), network(output=output, **acts)
+    for observation in 0.1 * np.random.default_rng(2).normal(size=(6, 5)).astype(np.float32):
+        actions.append(original.act(observation))
+        assert np.array_equal(mirrored.act(observation * image), -actions[-1])
+    assert np.all(np.abs(actions) < 1.0)
+    assert np.all(np.max(np.abs(actions), axis=0) > 0.01)
+
+
+def test_the_mirrored_network_by_hand():
+    """Half the difference of what the last layer gives, then the output law: the weights are large, so it matters."""
+    x, image = np.random.default_rng(3).normal(size=(20, 5)).astype(np.float32), np.array(MIRROR, np.float32)
+    (w0, b0), (w1, b1), (w2, b2) = layers()
+    raw, other = (
+        w2 @ np.tanh(w1 @ np.tanh(w0 @ v.T + b0[:, None]) + b1[:, None]) + b2[:, None] for v in (x, x * image)
+    )
+    expected = np.clip(0.5 * (raw - other).T, -1.0, 1.0)
+    np.testing.assert_allclose(network(mirror=MIRROR).act(x), expected, rtol=1e-5, atol=1e-6)
+    assert not np.allclose(expected, 0.5 * (np.clip(raw, -1, 1) - np.clip(other, -1, 1)).T, atol=0.1)
+
+
+@pytest.mark.parametrize("sizes", [(1, 1), (15, 7, 1), (15, 64, 64, 2)], ids=str)
+def test_one_car_of_many_is_driven_as_if_alone_to_the_bit(sizes):
+    entries = min(sizes[0], 5)
+    description = {"observation_names": NAMES[:entries], "hold": 2, "history": sizes[0] // entries}
+    description["mirror"] = [-1] * entries
+    rng = np.random.default_rng(4)
+    for cars in (2, 37):
+        together, *alone = (Network(layers(5, sizes), "tanh", "tanh", description) for _ in range(1 + cars))
+        for _ in range(7):
+            seen = rng.normal(size=(cars, entries)).astype(np.float32)
+            actions = together.act(seen)
+            assert np.array_equal(actions, [policy.act(row) for policy, row in zip(alone, seen, strict=True)])
+            anew = rng.random(cars) < 0.3
+            together.reset(anew)
+            for row in np.flatnonzero(anew):
+                alone[row].reset()
+
+
+@pytest.mark.parametrize("acts", [{}, ACTS], ids=["plain", "all"])
+def test_no_cars_at_all_have_no_actions(acts):
+    assert network(**acts).act(np.zeros((0, 5), np.float32)).shape == (0, 2)
+
+
 # There and back
 
 
@@ -90,6 +154,21 @@ def test_saved_and_loaded_it_acts_to_the_bit(tmp_path, activation, output):
     assert back.description["note"] == "träge"
     assert back.description["layers"] == [[8, 5], [6, 8], [2, 6]]
     assert sorted(os.listdir(tmp_path / "new" / "folder")) == [DESCRIPTION_FILE, WEIGHTS_FILE]
+
+
+def test_how_it_acts_comes_back_from_the_file(tmp_path):
+    policy = network(output="tanh", **ACTS)
+    policy.save(tmp_path)
+    back = load(tmp_path)
+    assert {name: back.description[name] for name in ACTS} == ACTS
+    for observation in np.random.default_rng(5).normal(size=(7, 3, 5)).astype(np.float32):
+        assert np.array_equal(policy.act(observation), back.act(observation))
+
+
+def test_a_file_of_version_1_acts_as_it_did(folder):
+    rewrite(folder, version=1)
+    x = np.random.default_rng(6).normal(size=(9, 5)).astype(np.float32)
+    assert np.array_equal(load(folder).act(x), network().act(x))
 
 
 def test_saving_twice_gives_the_same_bytes(tmp_path):
@@ -165,10 +244,26 @@ def test_a_description_that_is_something_else(folder, content):
         load(folder)
 
 
+BAD_ACTS = [
+    ({"hold": 0}, r"^([^:]*: )?hold must be a whole number in \[1, 1000\], got 0$"),
+    ({"hold": 1001}, "hold must be a whole number"),
+    ({"hold": 2.0}, "hold must be a whole number"),
+    ({"history": -1}, "history must be a whole number in"),
+    ({"history": True}, "history must be a whole number in"),
+    ({"mirror": [1, -1]}, r"mirror must be \+1 or -1 for each of 5 observations, got \[1, -1\]$"),
+    ({"mirror": [1, 1, 0, 1, 1]}, r"mirror must be \+1 or -1 for each of 5"),
+    ({"mirror": [1, 1, 2, 1, 1]}, r"mirror\[2\] must be a whole number in \[-1, 1\], got 2"),
+    ({"mirror": [1, 1, 0.5, 1, 1]}, r"mirror\[2\] must be a whole number"),
+    ({"mirror": "+-+-+"}, "mirror must be a list"),
+    ({"mirror": None}, "mirror must be a list"),
+    ({"mirror": []}, "mirror must have 1 to"),
+]
+
+
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"version": 2}, r"version must be a whole number in \[1, 1\], got 2"),
+        ({"version": 3}, r"version must be a whole number in \[1, 2\], got 3"),
         ({"version": "1"}, "version must be a whole number"),
         ({"version": None}, "version must be"),
         ({"format": "something else"}, "format must be one of 'bicycle-env policy', got 'something else'"),
@@ -192,6 +287,8 @@ def test_a_description_that_is_something_else(folder, content):
         ({"observation_names": None}, "observation_names"),
         ({"observation_names": "abcde"}, "observation_names"),
         ({"observation_names": [1, 2, 3, 4, 5]}, "observation_names"),
+        *BAD_ACTS,
+        ({"history": 2}, "layer 0 has shapes .* its input has 10 entries"),
     ],
     ids=str,
 )
@@ -386,6 +483,13 @@ def test_archives_and_pickles_are_refused_in_words_and_never_opened(tmp_path, mo
 def test_the_constructor_refuses_the_same(arguments, match):
     with pytest.raises(ValueError, match=match):
         Network(*arguments, {"observation_names": NAMES})
+
+
+@pytest.mark.parametrize(("acts", "match"), BAD_ACTS, ids=str)
+def test_the_constructor_refuses_the_same_ways_to_act(acts, match):
+    with pytest.raises((TypeError, ValueError), match=match) as caught:
+        Network(layers(), "tanh", "clip", {"observation_names": NAMES, **acts})
+    assert "\n" not in str(caught.value)
 
 
 # Writing
