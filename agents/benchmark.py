@@ -2,6 +2,7 @@
 
     python -m agents.benchmark                       # runs it, or goes on where it was stopped
     python -m agents.benchmark --quick               # ten minutes: two seeds, a tenth of the steps
+    python -m agents.benchmark --plan ablations      # what each option of agents.ppo is worth, on one id
 
 A cell is an id, a level and a learner. Its seeds are trained in processes of their own, side by side, and kept in
 runs/benchmark/; what has finished there is not done again. Every policy then drives the same 2000 starts as the best
@@ -11,15 +12,13 @@ Written: runs/benchmark.json and, beside it, learning curves against steps and s
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
@@ -56,10 +55,13 @@ class Cell(NamedTuple):
     level: str
     learner: str
     seeds: int
+    variant: str = ""
+    """What is other than the settings of the id and level, in words; and as options of the trainer."""
+    options: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
-        return f"{self.env_id} {self.level} {self.learner}"
+        return " ".join(filter(None, (self.env_id, self.level, self.learner, self.variant)))
 
 
 ROOM = ("BicycleStab-v0", "BicycleActiveSteer-v0", "BicycleEvade-v0")
@@ -75,6 +77,21 @@ PLAN = (
     Cell("BicycleStab-v0", "medium", "sb3-sac", 3),
 )
 """In the order in which it is driven."""
+VARIANTS: dict[str, tuple[str, ...]] = {
+    "as it is": (),
+    "an action for every control step": ("--hold", "1", "--decisions", "320"),
+    "one observation": ("--history", "1"),
+    "no mirror image": ("--no-mirrored",),
+    "critic sees what the policy sees": ("--no-informed-critic",),
+    "forfeited episodes go on": ("--no-end-forfeited",),
+    "begins as rear-switched": ("--imitate", "rear-switched", "--critic-alone", "10", "--deviation", "0.1"),
+}
+PLANS = {
+    "table": PLAN,
+    "ablations": tuple(
+        Cell("BicycleActiveSteer-v0", "medium", "native-ppo", 3, *variant) for variant in VARIANTS.items()
+    ),
+}
 
 
 @dataclass
@@ -87,12 +104,14 @@ class Args:
     """Of each cell, 0, 1, 2, ...; by default as the plan says."""
     jobs: int = 2
     """Trainings at a time, one core each."""
+    plan: Literal["table", "ablations"] = "table"
+    """Every learner on every id and level; or, on one of them, PPO with one option after the other changed."""
     quick: bool = False
     """Two seeds of each cell, a tenth of the steps: to see that all works, not how well."""
     runs: Path | None = None
     """Folder of the trainings; by default runs/benchmark, with --quick runs/benchmark-quick."""
-    out: Path = Path("runs/benchmark.json")
-    """Results file; the cells in it that are not trained now stay as they are."""
+    out: Path | None = None
+    """Results file; by default runs/benchmark.json or runs/ablations.json. Cells not trained now stay in it."""
 
 
 class Job(NamedTuple):
@@ -110,6 +129,7 @@ class Job(NamedTuple):
         module, options = LEARNERS[self.cell.learner]
         words = [sys.executable, "-m", module, *options, "--env-id", self.cell.env_id, "--seed", str(self.seed)]
         words += ["--env-keywords", json.dumps({"level": self.cell.level}), "--out", str(self.folder), "--quiet"]
+        words += self.cell.options
         if quick:
             words += ["--total-timesteps", str(quick_steps(self.cell))]
         return [*words, "--resume"] if (self.folder / "run.json").is_file() else words
@@ -131,9 +151,10 @@ def quick_steps(cell: Cell) -> int:
 def chosen(args: Args) -> list[Cell]:
     """The cells that the options ask for; UserError if there are none."""
     seeds = QUICK_SEEDS if args.quick and args.seeds is None else args.seeds
-    found = [cell for cell in PLAN if all(word in cell.name for word in args.only)]
+    plan = PLANS[args.plan]
+    found = [cell for cell in plan if all(word in cell.name for word in args.only)]
     if not found:
-        names = "\n".join(cell.name for cell in PLAN)
+        names = "\n".join(cell.name for cell in plan)
         raise UserError(f"--only {' '.join(args.only)}: no cell has all of these words; the cells are\n{names}")
     return found if seeds is None else [cell._replace(seeds=seeds) for cell in found]
 
@@ -256,7 +277,7 @@ def shown(cells: dict[str, dict[str, Any]]) -> Table:
         seconds = np.median([one["seconds"] for one in cell["trainings"]])
         table.add_row(
             f"{cell['env_id']} {cell['level']}",
-            cell["learner"],
+            cell["variant"] or cell["learner"],
             str(len(cell["trainings"])),
             interval(success, 100.0),
             f"{100.0 * cell['classical']['success_rate']['value']:.1f} {cell['classical']['controller']}",
@@ -275,7 +296,8 @@ def interval(figure: dict[str, Any], factor: float) -> str:
 def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.benchmark", description=__doc__)
     messages.check_least(args, seeds=1, jobs=1)
-    messages.check_output("--out", args.out)
+    out = args.out or Path("runs") / ("benchmark.json" if args.plan == "table" else "ablations.json")
+    messages.check_output("--out", out)
     runs = args.runs or Path("runs") / ("benchmark-quick" if args.quick else "benchmark")
     messages.check_output("--runs", runs, folder=True)
     cells = chosen(args)
@@ -286,25 +308,26 @@ def main() -> None:
             range(cell.seeds)]  # fmt: skip
     train_all(jobs, args)
     before: dict[str, Any] = {}
-    if args.out.is_file():
-        before = files.read_json(args.out, CONTENT, LARGEST)["cells"]
+    if out.is_file():
+        before = files.read_json(out, CONTENT, LARGEST)["cells"]
     made_by = provenance.collect()
     for cell in cells:
         folders = [job.folder for job in jobs if job.cell == cell]
         before[cell.name] = {**measured(cell, folders), "git": made_by["git"], "date": made_by["date"]}
         console.print(f"measured: {cell.name}")
-    ordered = {cell.name: before[cell.name] for cell in PLAN if cell.name in before}
-    command = " ".join(["python -m agents.benchmark", *(["--quick"] if args.quick else [])])
-    files.write_json(args.out, {"command": command, **made_by, "starts": STARTS, "seed": REPORT_SEED, "cells": ordered})
-    benchmark_picture.draw(ordered, args.out.with_suffix(".png"))
+    ordered = {cell.name: before[cell.name] for cell in PLANS[args.plan] if cell.name in before}
+    words = ["python -m agents.benchmark", *(["--plan ablations"] if args.plan == "ablations" else [])]
+    command = " ".join([*words, *(["--quick"] if args.quick else [])])
+    files.write_json(out, {"command": command, **made_by, "starts": STARTS, "seed": REPORT_SEED, "cells": ordered})
+    if args.plan == "table":
+        benchmark_picture.draw(ordered, out.with_suffix(".png"))
     console.print(shown(ordered))
-    console.print(f"written: {args.out}, {args.out.with_suffix('.png').name}")
+    console.print(f"written: {out}")
 
 
 LARGEST = 50_000_000
 """Bytes of a results file."""
 CONTENT = files.table({"cells": files.mapping(files.mapping(files.anything))}, others=True)
-_ = (Callable, dataclasses)
 
 if __name__ == "__main__":
     messages.run(main)

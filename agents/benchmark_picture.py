@@ -1,4 +1,4 @@
-"""The benchmark's picture: learning curves against steps and seconds, and which share of the seeds reaches which success."""
+"""The benchmark's picture: learning curves against steps and seconds, and how many of the seeds reach which success."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ WORDS = {
 def draw(cells: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """A row for each id and level: success while training against steps and seconds, and at the end."""
     places = list(dict.fromkeys((cell["env_id"], cell["level"]) for cell in cells.values()))
-    figure = new_figure(12.0, 2.6 * len(places) + 1.2, "Success of learned policies, and of the best classical controller")
+    figure = new_figure(
+        12.0, 2.6 * len(places) + 1.2, "Success of learned policies, and of the best classical controller"
+    )
     axes = np.reshape(figure.subplots(len(places), 3, sharey=True, width_ratios=(3, 3, 2)), (-1, 3))
     for row, (env_id, level) in zip(axes, places, strict=True):
         mine = [cell for cell in cells.values() if (cell["env_id"], cell["level"]) == (env_id, level)]
@@ -37,7 +39,9 @@ def draw(cells: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         classical = 100.0 * mine[0]["classical"]["success_rate"]["value"]
         for axis in row:
             axis.axhline(classical, color=BLACK, linestyle="--", linewidth=1.0)
-        dress(row[0], xlabel="control steps [millions]", ylabel="success [%]", ylim=(-3, 103), title=f"{env_id} {level}")
+        dress(
+            row[0], xlabel="control steps [millions]", ylabel="success [%]", ylim=(-3, 103), title=f"{env_id} {level}"
+        )
         dress(row[1], xlabel="seconds of training", title="the same against time")
         dress(row[2], xlabel="seeds that reach it [%]", title="at the end")
     handles = [
@@ -45,6 +49,8 @@ def draw(cells: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         for name, color in COLORS.items()
         if any(cell["learner"] == name for cell in cells.values())
     ]
-    handles.append(figure.axes[0].plot([], [], color=BLACK, linestyle="--", label="best classical controller, tuned")[0])
+    handles.append(
+        figure.axes[0].plot([], [], color=BLACK, linestyle="--", label="best classical controller, tuned")[0]
+    )
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     save(figure, path)
