@@ -1,4 +1,4 @@
-"""The demo: train a stabilising policy, compare it with LQR and the uncontrolled car, draw pictures.
+"""The demo: train a stabilising policy, compare it with LQR and the uncontrolled car, draw pictures, moving ones too.
 
     python -m agents.demo          # what `make demo` runs after it has installed everything
 
@@ -9,21 +9,24 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import tyro
 from rich.progress import track
 
-from agents import messages, train
-from agents.episodes import evaluate, hardest_saved, summarise
+from agents import messages, moving_picture, ppo, settings
+from agents.episodes import evaluate, hardest_saved, start_seeds, summarise
 from agents.evaluate import console_for_tables, make_env, table
-from bicycle_env import control, provenance
+from bicycle_env import control, load_policy, provenance
 from bicycle_env.files import write_json
 
 ENV_ID = "BicycleStab-v0"
-PICTURES = ("drive.png", "starts.png", "learning_curve.png", "top_view.png")
+PICTURES = ("drive.png", "starts.png", "learning_curve.png", "top_view.png", "active_steer.gif")
+SHOWN = "BicycleActiveSteer-v0"
+"""Of the moving picture: nobody at the rear wheels, the classical law, and the policy that comes with the package."""
+SHOWN_STARTS = 200
 MUST_LEAD = 0.5  # of the starts, over the uncontrolled car
 
 
@@ -38,7 +41,7 @@ class Args:
     evaluation_seed: int = 1
     """Seed of these starts."""
     total_timesteps: int | None = None
-    """Training steps; by default as agents/configs says."""
+    """Control steps of the training; by default as agents/configs says."""
     out: Path = Path("runs")
     """Where demo.json and the folder demo/ with the pictures go."""
 
@@ -53,11 +56,12 @@ def main() -> int:
     console = console_for_tables()
     begin = time.perf_counter()
     folder = Path("runs") / time.strftime("demo-%Y%m%d-%H%M%S")
-    training = train.Args(
-        env_id=ENV_ID, seed=args.seed, total_timesteps=args.total_timesteps, out=folder, quiet=not sys.stderr.isatty()
-    )
+    training = settings.usual(ppo.Args, ppo.ALGORITHM, ["--env-id", ENV_ID])
+    training = replace(training, env_id=ENV_ID, seed=args.seed, out=folder, quiet=not sys.stderr.isatty())
+    if args.total_timesteps is not None:
+        training = replace(training, total_timesteps=args.total_timesteps)
     console.print(f"1/3  training PPO on {ENV_ID}: a car at 1.2 times its critical speed")
-    train.train(training, console)
+    ppo.train(training, console)
     trained = time.perf_counter()
 
     env = make_env(ENV_ID, {"telemetry": True})
@@ -81,10 +85,15 @@ def main() -> int:
     shares = {name: row["success_rate"]["value"] for name, row in rows.items()}
     pictures.drive(env, policies, start, place / "drive.png")
     pictures.saved_starts(env, driven, args.evaluation_seed, place / "starts.png")
-    pictures.learning_curves(
-        [folder / "curve.csv"], training, {name: shares[name] for name in ("zero", "lqr")}, place / "learning_curve.png"
-    )
+    pictures.learning_curves([folder / "curve.csv"], ENV_ID, shares, place / "learning_curve.png")
     pictures.top_view(ENV_ID, {}, lambda _: policies["learned"], start, 15, place / "top_view.png")
+    cars = make_env(SHOWN, {})
+    drivers = {
+        "nobody at the rear wheels": control.make("zero", cars.unwrapped),
+        "classical: gains switched by the driver's phase": control.make("rear-switched", cars.unwrapped),
+        "learned": load_policy(SHOWN),
+    }
+    moving_picture.show(SHOWN, {}, drivers, start_seeds(SHOWN_STARTS, args.evaluation_seed), place / "active_steer.gif")
     lead = shares["learned"] - shares["zero"]
     write_json(
         args.out / "demo.json",

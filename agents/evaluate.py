@@ -79,12 +79,14 @@ def make_env(env_id: str, keywords: dict[str, Any]) -> gym.Env:
     return _made(env_id, lambda: gym.make(env_id, **keywords))
 
 
-def make_vector_env(env_id: str, number: int, keywords: dict[str, Any]) -> gym.vector.VectorEnv:
-    """gym.make_vec, as Stable-Baselines3 wants it, with a user's mistakes turned into one line."""
+def make_vector_env(
+    env_id: str, number: int, keywords: dict[str, Any], autoreset_mode: str = "SameStep"
+) -> gym.vector.VectorEnv:
+    """gym.make_vec, by default as Stable-Baselines3 wants it, with a user's mistakes turned into one line."""
     for name in ("id", "num_envs", "autoreset_mode", "vectorization_mode", "render_mode"):
         if name in keywords:
             raise UserError(f"--env-keywords: {name} is chosen by the training itself")
-    return _made(env_id, lambda: gym.make_vec(env_id, number, autoreset_mode="SameStep", **keywords))
+    return _made(env_id, lambda: gym.make_vec(env_id, number, autoreset_mode=autoreset_mode, **keywords))
 
 
 def environment(env_id: str) -> type[SingleTrackEnv]:

@@ -77,26 +77,26 @@ def saved_starts(env: gym.Env, driven: dict[str, list[Episode]], seed: int, path
     save(figure, path)
 
 
-def learning_curves(curves: list[Path], what: Any, lines: dict[str, float], path: Path) -> None:
-    """Success while training, one line per seed, beside the classical controllers' shares. `what`: env_id and algo."""
+def learning_curves(curves: list[Path], env_id: str, lines: dict[str, float], path: Path) -> None:
+    """Success while training, one line per seed, beside the drivers' shares on the starts of the table."""
     figure = new_figure(7.5, 3.8)
     axis = figure.subplots()
     for k, curve in enumerate(curves):
         rows = list(csv.DictReader(io.StringIO(read_bytes(curve).decode("utf-8"))))
         steps = [float(row["timesteps"]) / 1000 for row in rows]
-        label = f"{what.algo.upper()}, while it explores" + (f" ({len(curves)} seeds)" if len(curves) > 1 else "")
+        label = "PPO, while it learns" + (f" ({len(curves)} seeds)" if len(curves) > 1 else "")
         axis.plot(
             steps, [100 * float(row["success_rate"]) for row in rows], color=BLUE, alpha=0.8, label="" if k else label
         )
     for name, share in lines.items():
-        color, line = STYLES[name]
+        color, line = (BLUE, ":") if name == "learned" else STYLES[name]
         axis.axhline(100 * share, color=color, linestyle=line, label=f"{LABELS[name]}, on the test starts")
     dress(
         axis,
         xlabel="environment steps [thousands]",
-        ylabel="success in the last 100 episodes [%]",
+        ylabel="success [%]",
         ylim=(-3, 103),
-        title=f"Learning {what.env_id}",
+        title=f"Learning {env_id}",
     )
     axis.legend(loc="lower right")
     save(figure, path)

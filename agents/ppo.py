@@ -10,6 +10,7 @@ Hundreds of cars are driven at once by the native vector environment, in one thr
 - The policy may see what it saw at its last decisions; the critic also sees what is hidden.
 - An episode in which success can no longer come may end there: else a policy learns to fail one criterion for sure, in
   order not to fail two.
+- It may begin as the image of a classical controller.
 - A mirror image is answered by the mirror image of the action, and worth as much.
 - The best policy is kept, chosen on starts of their own, not the last one.
 
@@ -25,7 +26,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import torch
 import tyro
@@ -34,9 +34,11 @@ from torch import Tensor, nn
 from torch.distributions import Normal
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import messages, settings, state_arrays, stopping, training
-from agents.evaluate import environment, parse_keywords
-from bicycle_env import optimum
+from agents import imitation, messages, scores, settings, state_arrays, stopping, training
+from agents.episodes import start_seeds
+from agents.evaluate import make_env, make_vector_env, parse_keywords
+from agents.messages import UserError
+from bicycle_env import control, optimum
 from bicycle_env.backends import announcements
 
 ALGORITHM = "native-ppo"
@@ -95,6 +97,12 @@ class Args:
     """The critic sees the whole state of the car and what the task hides."""
     end_forfeited: bool = True
     """An episode in which success can no longer come ends there, in training only."""
+    success_bonus: float = 0.0
+    """Added to the reward where the time is over with success, in training only; a time-out is then an end."""
+    imitate: str = ""
+    """A controller by name: the policy begins as its image, with the parameters tuned for the id and level."""
+    critic_alone: int = 0
+    """Updates at first in which only the critic learns: a policy that is good already must not unlearn."""
 
 
 class Mirrored(nn.Module):
@@ -143,17 +151,15 @@ class Cars:
 
     def __init__(self, args: Args, keywords: dict[str, Any]) -> None:
         self._args = args
-        self.env: Any = gym.make_vec(
-            args.env_id, args.cars, vectorization_mode="vector_entry_point", autoreset_mode="NextStep",
-            action_repeat=args.hold, **keywords,
-        ).unwrapped  # fmt: skip
+        held = {**keywords, "action_repeat": args.hold * keywords.get("action_repeat", 1)}
+        self.env: Any = make_vector_env(args.env_id, args.cars, held, "NextStep").unwrapped
         self.entries = self.env.single_observation_space.shape[0]
         self.axles = self.env.single_action_space.shape[0]
         self.mirror = np.tile(self.env.observation_mirror.astype(np.float32), args.history)
         task = self.env.task
         self._forfeits = task.forfeits if args.end_forfeited else ()
         moving = self.env.model.State._fields[1:]  # the place along the road says nothing
-        self._hidden = (*moving, *task.hidden)
+        self._hidden = (*moving, "time", *task.hidden)
         turned = (*moving, *(task.flipped or ()))
         self.hidden_mirror = np.array([-1.0 if name in turned else 1.0 for name in self._hidden], np.float32)
 
@@ -162,11 +168,11 @@ class Cars:
 
     def begin(self, seed: int, episode: int) -> None:
         """Start the cars, group by group in the course of an episode: at all times some are everywhere in it."""
-        groups, axles = 16, np.zeros((self._args.cars, self.axles), np.float32)
+        groups, axles = min(16, self._args.cars), np.zeros((self._args.cars, self.axles), np.float32)
         self.env.reset(seed=seed)
         for group in range(groups):
             first, _ = self.env.reset(options={"reset_mask": np.arange(self._args.cars) % groups == group})
-            for _ in range(max(1, episode // self._args.hold // groups)):
+            for _ in range(max(1, episode // self.env.action_repeat // groups)):
                 first, _, terminated, truncated, _ = self.env.step(axles)
         self.over = terminated | truncated
         self.seen = self._alone(first)
@@ -176,6 +182,9 @@ class Cars:
         if np.any(self.forfeited):
             self.env.reset(options={"reset_mask": self.forfeited})
         observation, rewards, terminated, truncated, _ = self.env.step(np.clip(actions, -1.0, 1.0))
+        if self._args.success_bonus:
+            rewards = rewards + self._args.success_bonus * (truncated & self.env.is_success)
+            terminated = terminated | truncated
         if self._forfeits:
             state = self.env.state
             lost = np.any([getattr(state, name) > 0.5 for name in self._forfeits], axis=0)
@@ -257,7 +266,9 @@ def drive(args: Args, learner: Learner, cars: Cars, gamma: float) -> dict[str, T
     }
 
 
-def learn(args: Args, learner: Learner, optimizer: torch.optim.Optimizer, driven: dict[str, Tensor]) -> None:
+def learn(
+    args: Args, learner: Learner, optimizer: torch.optim.Optimizer, driven: dict[str, Tensor], critic_alone: bool
+) -> None:
     """Some passes over what was driven."""
     gained = driven["advantage"]
     driven["advantage"] = (gained - gained.mean()) / (gained.std() + 1e-8)
@@ -269,7 +280,9 @@ def learn(args: Args, learner: Learner, optimizer: torch.optim.Optimizer, driven
             near = ratio.clamp(1.0 - args.clip, 1.0 + args.clip)
             better = torch.minimum(ratio * some["advantage"], near * some["advantage"]).mean()
             missed = (learner.worth(some["seen"], some["hidden"]) - some["value"]).square().mean()
-            loss = 0.5 * missed - better - args.entropy * tried.entropy().sum(1).mean()
+            loss = 0.5 * missed
+            if not critic_alone:
+                loss = loss - better - args.entropy * tried.entropy().sum(1).mean()
             optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(learner.parameters(), 0.5)
@@ -279,36 +292,51 @@ def learn(args: Args, learner: Learner, optimizer: torch.optim.Optimizer, driven
 def train(args: Args, console: Console) -> Path:
     """Train as the arguments say; gives the run's folder."""
     keywords = parse_keywords(args.env_keywords)
-    environment(args.env_id)
+    chosen = settings.own(args, ALGORITHM)
     path = args.out or Path("runs") / f"{args.env_id}-{ALGORITHM}-{args.seed}"
+    messages.check_folder("--out", path)
+    make_env(args.env_id, keywords).close()  # mistakes in the keywords are found here
     torch.set_num_threads(1)  # small networks: more threads only wait for each other
     torch.manual_seed(args.seed)
     assessed, cars = optimum.Cars(args.env_id, keywords), Cars(args, keywords)
     learner = Learner(args, cars)
     optimizer = torch.optim.Adam(learner.parameters(), args.learning_rate, eps=1e-5)
-    chosen = settings.own(args, ALGORITHM)
     plan = training.Plan(args.env_id, keywords, ALGORITHM, args.seed, chosen, args.total_timesteps)
-    manner = {"hold": args.hold, "history": args.history}
-    if args.mirrored:
-        manner["mirror"] = cars.env.observation_mirror.astype(int).tolist()
-
+    manner = training.manner(args, assessed.plant)
     with training.run_in(path, plan, assessed, manner, args.resume, console, args.quiet) as (run, arrays):
         if arrays is None:
+            if args.imitate:
+                imitate(args, learner.policy, assessed)
             cars.begin(args.seed, assessed.episode_steps)
         else:
             put(arrays, learner, optimizer, cars)
+        steps = args.cars * args.decisions * cars.env.action_repeat
         while (done := run.timesteps / args.total_timesteps) < 1.0:
             optimizer.param_groups[0]["lr"] = args.learning_rate * (1.0 - done)
             gamma = args.gamma[0] + (args.gamma[1] - args.gamma[0]) * done
-            learn(args, learner, optimizer, drive(args, learner, cars, gamma))
+            driven = drive(args, learner, cars, gamma)
+            learn(args, learner, optimizer, driven, critic_alone=run.timesteps < args.critic_alone * steps)
             run.after_update(
-                run.timesteps + args.cars * args.decisions * args.hold,
+                run.timesteps + steps,
                 lambda: run.network(learner.layers()),
                 lambda: state(learner, optimizer, cars),
                 learner.finite(),
             )
         run.finish()
     return path
+
+
+def imitate(args: Args, policy: nn.Module, cars: optimum.Cars) -> None:
+    """Let the policy begin as the image of a controller; UserError if there is none of that name for these cars."""
+    plant = cars.plant
+    name = plant.spec.id if plant.spec is not None else ""
+    parameters = scores.tuned(name, plant.scored_level, args.imitate)
+    try:
+        teacher = control.make(args.imitate, plant, parameters=parameters)
+    except (TypeError, ValueError, np.linalg.LinAlgError) as error:
+        raise UserError(f"--imitate: {error}") from None
+    starts = start_seeds(imitation.ROUNDS * imitation.CARS, args.seed, "tune")
+    imitation.imitate(policy, teacher, cars.of(imitation.CARS), starts, args.hold, args.history)
 
 
 def state(learner: Learner, optimizer: torch.optim.Optimizer, cars: Cars) -> state_arrays.State:

@@ -186,8 +186,8 @@ def earlier_record(
     """The record of the run in a folder; None if nothing was done yet.
 
     Raises:
-        UserError: it is damaged, `check` raises an error of what is in it, or it is another run: one with another value
-            of what `identity` names.
+        UserError: it is damaged, it is another run: one with another value of what `identity` names, or `check` raises
+            an error of what else is in it.
     """
     try:
         before = folder.record()
@@ -195,15 +195,25 @@ def earlier_record(
             if folder.checkpoint() is not None:
                 raise FileError(f"{folder.path} has a checkpoint, but no run.json")
             return None
+        for name, value in identity.items():
+            if before.get(name) != value:
+                place, had, given = _difference(name, before.get(name), value)
+                raise UserError(
+                    f"--resume: the run in {folder.path} has {shown(place)} = {shown(repr(had))}, not {shown(repr(given))}"
+                )
         check(before)
     except (ValueError, TypeError, OSError) as error:
         raise UserError(f"--resume: the record of the run is damaged: {shown(error)}") from None
-    for name, value in identity.items():
-        if before.get(name) != value:
-            raise UserError(
-                f"--resume: the run in {folder.path} has {name} = {shown(repr(before.get(name)))}, not {value!r}"
-            )
     return before
+
+
+def _difference(name: str, before: Any, now: Any) -> tuple[str, Any, Any]:
+    """Where two values begin to differ, inside of tables, too."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in {**now, **before}:
+            if before.get(key) != now.get(key):
+                return _difference(f"{name}.{key}", before.get(key), now.get(key))
+    return name, before, now
 
 
 def changes(progress: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

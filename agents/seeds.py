@@ -162,7 +162,7 @@ def main() -> int:
     curves, drive = out.with_suffix(".curves.png"), out.with_suffix(".drive.png")
     pictures.learning_curves(
         [place / "curve.csv" for place in folders],
-        args,
+        args.env_id,
         {name: row["success_rate"]["value"] for name, row in controllers.items()},
         curves,
     )

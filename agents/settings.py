@@ -20,6 +20,7 @@ from bicycle_env.files import (
     parse_json,
     read_toml,
     table,
+    text,
     whole_in,
 )
 from bicycle_env.physics.validation import flag
@@ -97,6 +98,20 @@ OWN = {
         "mirrored": flag,
         "informed_critic": flag,
         "end_forfeited": flag,
+        "success_bonus": number_in(0.0, 1e6),
+        "imitate": text(200),
+        "critic_alone": whole_in(0, 10**6),
+    },
+    "policy-search": {
+        "total_timesteps": whole_in(1, 10**12),
+        "pairs": whole_in(1, 10**5),
+        "starts": whole_in(1, 10**5),
+        "hold": whole_in(1, 1000),
+        "history": whole_in(1, 1000),
+        "width": whole_in(1, 4096),
+        "deviation": number_in(1e-9, 1e3),
+        "learning_rate": SHARE,
+        "mirrored": flag,
     },
 }
 """Settings of this package's own trainers: options of their command lines."""
@@ -111,8 +126,18 @@ NETWORK = table(
 )
 
 
+def check_seed(seed: int) -> None:
+    """UserError for a seed that no training takes."""
+    if not 0 <= seed < 2**32:
+        raise UserError(f"--seed must be at least 0 and less than 2^32, got {seed}")
+
+
 def own(args: Any, algo: str) -> dict[str, Any]:
-    """The settings among the options of one of this package's trainers; UserError for a value out of its range."""
+    """The settings among the options of one of this package's trainers; UserError for a value out of its range.
+
+    The seed is checked, too.
+    """
+    check_seed(args.seed)
     found: dict[str, Any] = {}
     for name, check in OWN[algo].items():
         value = getattr(args, name)

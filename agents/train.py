@@ -212,8 +212,7 @@ def train(args: Args, console: Console) -> Path:
     environment(args.env_id)
     chosen = settings.read(args.env_id, args.algo, args.config)
     messages.check_least(args, total_timesteps=1)
-    if not 0 <= args.seed < 2**32:
-        raise UserError(f"--seed must be at least 0 and less than 2^32, got {args.seed}")
+    settings.check_seed(args.seed)
     path = args.out or Path("runs") / f"{args.env_id}-{args.algo}-{args.seed}"
     messages.check_folder("--out", path)
     if args.resume and not begun(path):

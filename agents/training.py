@@ -62,6 +62,20 @@ class Plan:
         }
 
 
+def manner(args: Any, plant: Any) -> dict[str, Any]:
+    """What a policy's file says of how it acts, from the options `hold`, `history` and `mirrored`.
+
+    Raises:
+        UserError: `mirrored`, and the task has no mirror image.
+    """
+    found: dict[str, Any] = {"hold": args.hold, "history": args.history}
+    if args.mirrored:
+        if plant.task.flipped is None:
+            raise UserError(f"--mirrored: the task {plant.task.name} has no mirror image; give --no-mirrored")
+        found["mirror"] = plant.observation_mirror.astype(int).tolist()
+    return found
+
+
 def damaged(error: Exception) -> UserError:
     """What is said of a checkpoint that cannot be used."""
     return UserError(f"--resume: the checkpoint is damaged: {shown(error)}")
@@ -85,7 +99,7 @@ class Run:
         self.record = {**plan.identity, **made_by, "finished": False, "resumed": []}
         self._curve: list[str] = []
         self._policy: control.Network | None = None
-        self._best = (-1.0, -np.inf, 0)
+        self._best = (-1.0, 0.0, 0)  # less than any: success is at least 0
         self._saved_at, self._before, self._start = 0, 0.0, time.perf_counter()
         self.timesteps = 0
         """Control steps that all cars have driven."""
@@ -125,9 +139,10 @@ class Run:
             Stopped: a signal came; a checkpoint is written.
         """
         if not finite:
+            kept = f"the last good one, of {self._saved_at} steps, is kept" if self._saved_at else "there is none yet"
             raise UserError(
                 f"training has diverged: after {timesteps} steps weights are not finite; a smaller learning rate may "
-                f"help. The last good checkpoint is that of {self._saved_at} steps, in {self._folder.path}"
+                f"help. Of the checkpoints in {self._folder.path} {kept}"
             )
         before, self.timesteps = self.timesteps, timesteps
         self._tell()
