@@ -10,7 +10,7 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all lint lock stab lane-change controllers headroom entry-speed alignment tensors results benchmark benchmark-vector compat gymnasium-versions clean
+.PHONY: help demo test test-all lint lock stab lane-change controllers headroom entry-speed alignment learning tensors results benchmark benchmark-vector compat gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/*.png"
@@ -24,6 +24,7 @@ help:
 	@echo "make headroom            every id and level: controllers tuned for it, best found, bound: runs/headroom.json, .png (an hour)"
 	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json"
 	@echo "make alignment           does the reward ask for what success judges: runs/alignment.json, .png (10 minutes)"
+	@echo "make learning            every learner on every id and level, and ablations: runs/benchmark.json, .png (hours; goes on where it stopped)"
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
 	@echo "make tensors             TorchVectorEnv beside the native environment: runs/torch_env.json"
@@ -86,6 +87,10 @@ benchmark-vector: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/vector_env.py --most 1000000 --json $(OUT)/vector_env.json; code=$$?; \
 	$(BIN)/python benchmarks/picture.py --json $(OUT)/vector_env.json --out $(OUT)/performance.png && \
 	$(BIN)/python benchmarks/one_car.py --json $(OUT)/one_car.json && exit $$code
+
+learning: $(VENV)/.installed-demo
+	$(BIN)/python -m agents.benchmark --out $(OUT)/benchmark.json
+	$(BIN)/python -m agents.benchmark --plan ablations --out $(OUT)/ablations.json
 
 tensors: $(VENV)/.installed-demo
 	$(BIN)/python benchmarks/torch_env.py --json $(OUT)/torch_env.json

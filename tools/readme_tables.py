@@ -21,7 +21,10 @@ from bicycle_env.files import read_json
 from bicycle_env.registration import ENVIRONMENTS
 
 ROOT = Path(__file__).parent.parent
-PAGES = ("README.md", "docs/performance.md", "docs/levels.md", "docs/headroom.md", "docs/benchmark.md")
+PAGES = (
+    *("README.md", "docs/performance.md", "docs/levels.md", "docs/headroom.md", "docs/benchmark.md"),
+    "docs/learning.md",
+)
 DEGREES = 57.29577951308232
 
 
@@ -300,6 +303,55 @@ def alignment() -> str:
     return "\n".join([*lines, "", made(result, more)])
 
 
+LEARNERS = {
+    "native-ppo": "PPO (`agents.ppo`)",
+    "policy-search": "evolution strategy (`agents.policy_search`)",
+    "sb3-ppo": "PPO (Stable-Baselines3)",
+    "sb3-sac": "SAC (Stable-Baselines3)",
+}
+
+
+def benchmark() -> str:
+    """Every learner on every id and level that was trained; the rows where learning loses stand first."""
+    result = read("benchmark.json")
+    heads = ["learner", "seeds", "success [%]", "of the seeds", "best classical, tuned", "better by [points]"]
+    heads += ["return", "seconds"]
+    lines = ["| id and level | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    cells = result["cells"].values()
+    for part in sorted(cells, key=lambda one: one["better_than_classical"]["interval"][1] >= 0.0):
+        low, high = (100 * end for end in part["over_seeds"]["success_rate"]["range"])
+        classical = part["classical"]
+        seconds = sorted(one["seconds"] for one in part["trainings"])
+        row = [LEARNERS[part["learner"]], str(len(part["trainings"])), cell(part["over_seeds"], "success_rate", 100)]
+        row += [f"{low:.1f} to {high:.1f}", f"{percent(classical)} `{classical['controller']}`"]
+        row += [cell(part, "better_than_classical", 100), cell(part["over_seeds"], "episode_return")]
+        lines.append(
+            f"| `{part['env_id']}` {part['level']} | " + " | ".join([*row, f"{seconds[len(seconds) // 2]:.0f}"]) + " |"
+        )
+    more = (
+        f"{result['starts']} starts from seed {result['seed']}, the same for all; interquartile means over seeds, in "
+        "brackets 95 % intervals; seconds of one training on one core of a machine that did other work, too, the "
+        "median; `results/benchmark.json`."
+    )
+    return "\n".join([*lines, "", made(result, more)])
+
+
+def ablations() -> str:
+    """PPO on one id with one option after the other changed."""
+    result = read("ablations.json")
+    first = next(iter(result["cells"].values()))
+    lines = [f"| `{first['env_id']}` {first['level']} | success [%] | of the seeds | return |", "|---|---|---|---|"]
+    for part in result["cells"].values():
+        low, high = (100 * end for end in part["over_seeds"]["success_rate"]["range"])
+        row = [cell(part["over_seeds"], "success_rate", 100), f"{low:.1f} to {high:.1f}"]
+        lines.append(f"| {part['variant']} | " + " | ".join([*row, cell(part["over_seeds"], "episode_return")]) + " |")
+    more = (
+        f"{len(first['trainings'])} seeds each, {result['starts']} starts from seed {result['seed']}; interquartile "
+        "means over seeds, in brackets 95 % intervals; `results/ablations.json`."
+    )
+    return "\n".join([*lines, "", made(result, more)])
+
+
 def levels() -> str:
     """Not of results: of the tasks themselves."""
     lines = ["| id | level | numbers |", "|---|---|---|"]
@@ -353,6 +405,8 @@ TABLES = {
         controllers_lane_change,
         levels,
         alignment,
+        benchmark,
+        ablations,
     )
 }
 
