@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.statistics import mean, share
-from bicycle_env.control import Policy
+from bicycle_env import optimum
+from bicycle_env.control import Policy, alone_among_many
 from bicycle_env.tasks.episode import World
 from bicycle_env.tasks.metrics import Run, figures
+
+FEW = 20
+"""Up to so many episodes are driven one at a time: less work than to compile for many cars."""
+CAR_STEPS = 100_000
+"""Of the cars that are driven at once; each has some forty numbers, which are kept until their figures are known."""
+Steps = Mapping[str, NDArray[np.float64]]
+"""Of one car (n,), or (cars, n): by name, numbers after each step."""
 
 
 @dataclass(frozen=True)
@@ -40,16 +50,19 @@ def drive(env: gym.Env, policy: Policy, seed: int) -> Episode:
         observation, reward, terminated, truncated, info = env.step(policy.act(observation))
         over = terminated or truncated
         steps.append({**info, **plant.state._asdict(), "reward": float(reward)})
-    columns = {name: np.array([step[name] for step in steps]) for name in steps[0] if name not in ("end", "is_success")}
+    return _episode(plant, _columns(steps), plant.is_success, not terminated, plant.end)
+
+
+def _columns(steps: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[np.float64]]:
+    """What a metric may ask for, of every step."""
+    names = [name for name in steps[0] if name not in ("end", "is_success") and not name.startswith("_")]
+    return {name: np.ascontiguousarray(np.array([step[name] for step in steps]).T) for name in names}
+
+
+def _episode(plant: Any, steps: Steps, success: bool, on_road: bool, end: str) -> Episode:
     configuration = plant.configuration
-    world = World(configuration.car, plant.rules, configuration.settings)
-    return Episode(
-        success=plant.is_success,
-        on_road=not terminated,
-        end=plant.end,
-        episode_return=sum(step["reward"] for step in steps),
-        metrics=figures(plant.task.metrics, Run(columns, plant.is_success, world)),
-    )
+    run = Run(steps, success, World(configuration.car, plant.rules, configuration.settings))
+    return Episode(success, on_road, end, sum(steps["reward"].tolist()), figures(plant.task.metrics, run))
 
 
 PURPOSES = ("report", "tune", "select")
@@ -69,12 +82,58 @@ def start_seeds(episodes: int, seed: int, purpose: str = "report") -> list[int]:
 def evaluate(
     env: gym.Env, policy: Policy, episodes: int, seed: int, progress: Callable[[int], None] | None = None
 ) -> list[Episode]:
-    """Drive `episodes` episodes from the starts of a seed."""
-    driven = []
-    for k, start in enumerate(start_seeds(episodes, seed)):
+    """Drive `episodes` episodes from the starts of a seed; many at once where that changes no bit."""
+    seeds, driven, tell = start_seeds(episodes, seed), list[Episode](), progress or (lambda _: None)
+    cars = _cars_at_once(env, policy, episodes)
+    if cars > 1:
+        return _drive_many(env, policy, seeds, cars, tell)
+    for k, start in enumerate(seeds):
         driven.append(drive(env, policy, start))
-        if progress is not None:
-            progress(k + 1)
+        tell(k + 1)
+    return driven
+
+
+def _cars_at_once(env: gym.Env, policy: Policy, episodes: int) -> int:
+    """1 where the policy, or what is wrapped around the environment, may not be the same for many cars."""
+    spec = env.spec
+    if episodes <= FEW or not alone_among_many(policy) or spec is None or spec.additional_wrappers:
+        return 1
+    groups = math.ceil(episodes * (spec.max_episode_steps or math.inf) / CAR_STEPS)
+    return math.ceil(episodes / groups)
+
+
+def _drive_many(
+    env: gym.Env, policy: Policy, seeds: list[int], at_once: int, tell: Callable[[int], None]
+) -> list[Episode]:
+    """As :func:`drive` one after the other, to the bit, in groups of so many."""
+    env.reset(seed=seeds[0])  # from then on it knows its time limit
+    spec: Any = env.spec
+    keywords = {**spec.kwargs, "max_episode_steps": spec.max_episode_steps}
+    keywords.pop("render_mode", None)
+    cars = optimum.make_cars(spec.id, keywords, at_once).unwrapped
+    driven: list[Episode] = []
+    for begin in range(0, len(seeds), at_once):
+        group = seeds[begin : begin + at_once]
+        filled = group + group[-1:] * (at_once - len(group))  # always as many cars: nothing is compiled anew
+        driven += _drive_group(env.unwrapped, policy, cars, filled)[: len(group)]
+        tell(len(driven))
+    cars.close()
+    return driven
+
+
+def _drive_group(plant: Any, policy: Policy, cars: Any, seeds: list[int]) -> list[Episode]:
+    steps: list[dict[str, Any]] = []
+
+    def watch(reward: Any, info: dict[str, Any]) -> None:
+        steps.append({**info, **cars.state._asdict(), "reward": reward})
+
+    outcomes = optimum.drive(cars, optimum.by(policy), seeds, watch=watch)
+    columns, ends = _columns(steps), steps[-1]["end"]
+    driven = []
+    for k in range(len(seeds)):
+        mine = {name: values[k, : outcomes.steps[k]] for name, values in columns.items()}
+        success, on_road = bool(outcomes.success[k]), bool(outcomes.on_road[k])
+        driven.append(_episode(plant, mine, success, on_road, cars.end_names[ends[k]]))
     return driven
 
 

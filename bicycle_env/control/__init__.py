@@ -12,7 +12,16 @@ from bicycle_env.control.mpc import MPC
 from bicycle_env.control.network import Network, load
 from bicycle_env.control.pole_placement import PolePlacement
 from bicycle_env.control.policy import Plant, Policy, Zero
-from bicycle_env.control.registry import NAMES, POLICIES, TUNABLE, descriptions, from_file, make, tunable
+from bicycle_env.control.registry import (
+    NAMES,
+    POLICIES,
+    TUNABLE,
+    alone_among_many,
+    descriptions,
+    from_file,
+    make,
+    tunable,
+)
 from bicycle_env.control.tunable import Candidates, Parameter, TunableLaw, TunablePolicy, searched, values_of
 
 __all__ = [
@@ -40,6 +49,7 @@ __all__ = [
     "TunablePolicy",
     "Weights",
     "Zero",
+    "alone_among_many",
     "descriptions",
     "from_file",
     "load",

@@ -14,6 +14,7 @@ from bicycle_env.control.design.gains import preview_gain
 from bicycle_env.control.design.observation_map import Reading
 from bicycle_env.control.lqr import WeightedPolicy, Weights, preview_steps, wanted_states, weights_of
 from bicycle_env.control.policy import Array, Plant
+from bicycle_env.control.rows import product
 from bicycle_env.control.tunable import Parameter, TunableLaw, searched, values_of
 from bicycle_env.physics.validation import explain_keywords, number
 
@@ -164,7 +165,7 @@ class EvadePath(TunableLaw):
         wanted = cars[:, [self._side]] * (offset[:, None] * out + more[:, None] * back)
         wanted -= cars[:, [self._lateral]] * self._sums[row, -1, 0]
         feedback: Any = self._feedback[row]
-        fed = np.einsum("ce,cea->ca", cars, feedback) if several else cars @ feedback
+        fed = np.einsum("ce,cea->ca", cars, feedback) if several else product(cars, feedback)
         action: Any = np.clip(-fed - wanted, -1.0, 1.0)
         return np.asarray(action, np.float32).reshape(*np.shape(observation)[:-1], len(self.gain))
 

@@ -11,6 +11,7 @@ from bicycle_env.control.design.observation_map import Reading
 from bicycle_env.control.lqr import WeightedPolicy, Weights, design_model, discrete_design
 from bicycle_env.control.policy import Array, Plant
 from bicycle_env.control.remembered import Remembered
+from bicycle_env.control.rows import product
 
 Matrix = NDArray[np.float64]
 
@@ -56,6 +57,7 @@ class LQG(WeightedPolicy):
         names = list(plant.observation_names)
         self._measured = [names.index(name) for name in MEASURED] if set(MEASURED) <= set(names) else None
         self._reading = Reading(plant, STATE_NAMES[1:] if self._measured is None else WITHOUT_SIDESLIP)
+        self.sensor_noise = sensor_noise
         self._sensors = MeasuredSignals(getattr(plant, "driven", plant), sensor_noise, seed)
         self._remembered = Remembered(3)  # predicted lateral velocity and yaw rate; 1 once there is a prediction
 
@@ -65,7 +67,7 @@ class LQG(WeightedPolicy):
     def act(self, observation: Array) -> NDArray[np.float32]:
         cars = np.atleast_2d(np.asarray(observation, np.float64)) * self._reading.scale
         remembered = self._remembered.of(len(cars))
-        states = cars @ self._reading.state
+        states = product(cars, self._reading.state)
         steer, measured = states[:, STEER], self._measure(cars, states)
         at_rest = np.concatenate([steer, np.zeros((len(cars), len(self.gain)))], axis=1)  # D knows no action
         predicted = np.where(remembered[:, 2:] > 0.0, remembered[:, :2], self.filter.first(at_rest, measured))
@@ -74,7 +76,8 @@ class LQG(WeightedPolicy):
 
         known = states.copy()
         known[:, BODY] = estimate
-        action = np.clip(-known @ self.gain.T - cars @ self._reading.path @ self.preview.T, -1.0, 1.0)
+        ahead = product(cars, self._reading.path)
+        action = np.clip(-product(known, self.gain.T) - product(ahead, self.preview.T), -1.0, 1.0)
         remembered[:, :2] = self.filter.predict(estimate, innovation, np.concatenate([steer, action], axis=1))
         remembered[:, 2] = 1.0
         return np.asarray(action, np.float32).reshape(*np.shape(observation)[:-1], len(self.gain))

@@ -14,6 +14,7 @@ from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel, continuo
 from bicycle_env.control.design.gains import continuous_preview_gain, preview_gain, zero_order_hold
 from bicycle_env.control.design.observation_map import Reading, interpolation, look_ahead_times
 from bicycle_env.control.policy import Array, Plant, Policy
+from bicycle_env.control.rows import product
 from bicycle_env.control.tunable import Parameter, TunablePolicy, searched, shipped_rows
 from bicycle_env.files import number_in, read_json, table
 from bicycle_env.physics.validation import checked_speed, choice, number
@@ -152,7 +153,7 @@ class StateFeedback(Policy):
         self._matrix = feedforward - Reading(plant).state_feedback(gain)
 
     def act(self, observation: Array) -> NDArray[np.float32]:
-        action: Any = np.clip(observation @ self._matrix, -1.0, 1.0)
+        action: Any = np.clip(product(observation, self._matrix), -1.0, 1.0)
         return np.asarray(action, np.float32)
 
 
@@ -250,7 +251,8 @@ class ScheduledLQR(WeightedPolicy):
         return self._between(self._previews, self._checked(speed))
 
     def act(self, observation: Array) -> NDArray[np.float32]:
-        action: Any = observation @ self._matrix if self._matrix.ndim == 2 else self._per_car(np.asarray(observation))
+        shared = self._matrix.ndim == 2
+        action: Any = product(observation, self._matrix) if shared else self._per_car(np.asarray(observation))
         return np.asarray(np.clip(action, -1.0, 1.0), np.float32)
 
     def _per_car(self, observation: Array) -> Any:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.control.policy import Array, Policy
 from bicycle_env.control.remembered import Remembered
+from bicycle_env.control.rows import in_blocks
 from bicycle_env.files import (
     FileError,
     anything,
@@ -78,10 +79,6 @@ DESCRIPTION = table(
     others=True,
 )
 """What policy.json must hold; what else stands there is kept, and only what `ACTS` names does anything."""
-
-
-ROWS = 16
-"""That a matrix product has: always as many, so that a car's action does not depend on how many others are driven."""
 
 
 class Network(Policy):
@@ -172,13 +169,11 @@ class Network(Policy):
 
     def _raw(self, seen: Any) -> Any:
         """What the last layer gives."""
-        cars, width = seen.shape
-        x: Any = np.zeros((-(-cars // ROWS), ROWS, width), np.float32)
-        x.reshape(-1, width)[:cars] = seen
+        x: Any = in_blocks(seen, np.float32)
         for weight, bias in self._layers[:-1]:
             x = self._activation(np.matmul(x, weight) + bias)
         weight, bias = self._layers[-1]
-        return (np.matmul(x, weight) + bias).reshape(-1, self._axles)[:cars]
+        return (np.matmul(x, weight) + bias).reshape(-1, self._axles)[: len(seen)]
 
     def arrays(self) -> dict[str, NDArray[np.float32]]:
         """Its weights by name: ``layer0.weight`` (out, in), ``layer0.bias`` (out,), and so on."""

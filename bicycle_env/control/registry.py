@@ -11,10 +11,11 @@ from typing import Any
 from bicycle_env.control.active_steer import REAR_STEERINGS
 from bicycle_env.control.driver import DRIVERS
 from bicycle_env.control.evade_path import EvadePath
-from bicycle_env.control.four_wheel_steer import COMBINATIONS, REAR_LAWS, driver_and_law
+from bicycle_env.control.four_wheel_steer import COMBINATIONS, REAR_LAWS, DriverAndLaw, driver_and_law
 from bicycle_env.control.lqg import LQG
 from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, read_weights
 from bicycle_env.control.mpc import MPC
+from bicycle_env.control.network import Network
 from bicycle_env.control.pole_placement import PolePlacement
 from bicycle_env.control.policy import Plant, Policy, Zero
 from bicycle_env.control.tunable import TunablePolicy, values_of
@@ -130,6 +131,18 @@ def make(
     choice("policy", name, NAMES)
     policy: Policy = POLICIES[name](plant) if name in POLICIES else driver_and_law(name, plant)
     return policy
+
+
+def alone_among_many(policy: Policy) -> bool:
+    """Whether each car of many is driven as if it were alone, to the bit: a controller of the package, or a network.
+
+    Of a class of one's own nobody knows it. ``MPC`` gains nothing by many cars, and with sensors that are noisy the
+    noise of a car depends on the others.
+    """
+    parts = (policy.driver, policy.law) if type(policy) is DriverAndLaw else (policy,)
+    known = {Network, *CLASSES, *REAR_LAWS.values()} - {MPC}
+    noisy = isinstance(policy, LQG) and policy.sensor_noise is not None
+    return all(type(part) in known for part in parts) and not noisy
 
 
 def from_file(path: str | Path, env: Any) -> Policy:

@@ -14,6 +14,8 @@ from bicycle_env.control import Policy
 Array = NDArray[Any]
 Act = Callable[[Array, int], Array]
 """``act(observation, step)``: (cars, entries) and how many actions were before, to actions (cars, axles)."""
+Watch = Callable[[Array, dict[str, Any]], None]
+"""``watch(rewards, info)`` of a step, (cars,) each."""
 
 
 class Outcome(NamedTuple):
@@ -72,7 +74,9 @@ def by(policy: Policy) -> Act:
     return lambda observation, _: policy.act(observation)
 
 
-def drive(cars: Any, act: Act, seeds: Sequence[int], draws: Sequence[int] | None = None) -> Outcomes:
+def drive(
+    cars: Any, act: Act, seeds: Sequence[int], draws: Sequence[int] | None = None, watch: Watch | None = None
+) -> Outcomes:
     """Drive one episode of every car.
 
     Args:
@@ -82,6 +86,7 @@ def drive(cars: Any, act: Act, seeds: Sequence[int], draws: Sequence[int] | None
         draws: seeds, one per car, of what is hidden: what the task's ``hidden`` names is as a start with that seed has
             it, such as friction, the driver's script, the key of the sensors' noise, what ``randomise=`` draws; all
             else is the car's own start. None: its own, too.
+        watch: called after each step, also with what the cars say that wait.
     """
     plant = cars.unwrapped
     if draws is None:
@@ -96,7 +101,9 @@ def drive(cars: Any, act: Act, seeds: Sequence[int], draws: Sequence[int] | None
     total, steps = np.zeros(plant.num_envs), np.zeros(plant.num_envs, np.int64)
     step = 0
     while np.any(running):
-        observation, reward, terminated, truncated, _ = cars.step(act(observation, step))
+        observation, reward, terminated, truncated, info = cars.step(act(observation, step))
+        if watch is not None:
+            watch(reward, info)
         total[running] += reward[running]
         steps[running] += 1
         over = running & (terminated | truncated)

@@ -10,10 +10,12 @@ import sys
 from pathlib import Path
 
 import gymnasium as gym
+import numpy as np
 import pytest
 from combinations import only_all, some_of
 
 import bicycle_env  # noqa: F401
+from agents import episodes
 from agents.episodes import PURPOSES, drive, evaluate, start_seeds, summarise
 from agents.evaluate import COLUMNS
 from agents.messages import UserError
@@ -94,6 +96,53 @@ def test_starts_of_different_purposes_are_different():
     assert {seed >> 32 for purpose in PURPOSES for seed in many[purpose]} == {0, 1, 2}
 
 
+def policy_file(env):
+    """A network that steers against what it sees, a little."""
+    names = env.unwrapped.observation_names
+    weight = np.random.default_rng(0).normal(size=(env.action_space.shape[0], len(names))).astype(np.float32)
+    layer = 0.3 * weight, np.zeros(len(weight), np.float32)
+    return control.Network([layer], "tanh", "tanh", {"observation_names": list(names), "hold": 2, "history": 1})
+
+
+@pytest.mark.parametrize(
+    ("env_id", "keywords", "names"),
+    [
+        ("BicycleStab-v0", {"max_episode_steps": 150}, ("lqr", "stanley+zero-sideslip", None)),
+        only_all("BicycleLaneChange-v0", {"level": "hard"}, ("lqg", "lqr", "preview", None)),
+        only_all("BicycleActiveSteer-v0", {"action_repeat": 2}, ("rear-switched", None)),
+        only_all("BicycleEvade-v0", {"level": "hard", "reward": "quadratic"}, ("evade-path", None)),
+    ],
+)
+def test_many_at_once_are_one_after_the_other(env_id, keywords, names, monkeypatch):
+    """Every figure of every episode, to the bit; in groups, the last one not full."""
+    monkeypatch.setattr(episodes, "FEW", 0)
+    env, ends = gym.make(env_id, telemetry=True, **keywords), set()
+    for name in names:
+        policy = policy_file(env) if name is None else control.make(name, env)
+        told = []
+        monkeypatch.setattr(episodes, "CAR_STEPS", 8 * env.spec.max_episode_steps)
+        many = evaluate(env, policy, 20, 1, told.append)
+        monkeypatch.setattr(episodes, "CAR_STEPS", 1)
+        alone = evaluate(env, policy, 20, 1)
+        assert told == [7, 14, 20]
+        assert many == alone
+        assert json.dumps(summarise(many)) == json.dumps(summarise(alone))
+        ends |= {episode.end for episode in alone}
+    assert "" in ends
+    assert len(ends) > 1
+
+
+def test_who_may_not_drive_many_drives_one_after_the_other(monkeypatch):
+    env = gym.make("BicycleStab-v0", telemetry=True, max_episode_steps=30)
+    mine = type("Mine", (control.LQR,), {})(env.unwrapped)
+    monkeypatch.setattr(episodes, "_drive_many", lambda *_: pytest.fail("driven at once"))
+    assert len(evaluate(env, mine, 21, 1)) == 21
+    flipped = gym.wrappers.TransformObservation(env, np.negative, env.observation_space)
+    assert len(evaluate(flipped, control.make("lqr", env), 21, 1)) == 21
+    with pytest.raises(pytest.fail.Exception, match="driven at once"):
+        evaluate(env, control.make("lqr", env), 21, 1)
+
+
 def test_on_the_road_is_not_success():
     """With a time limit shorter than a car takes to settle, nobody succeeds, and some are still on the road."""
     env = gym.make("BicycleStab-v0", telemetry=True, max_episode_steps=40)
@@ -140,8 +189,6 @@ def test_a_policy_for_another_environment_is_refused(tmp_path):
     from agents.evaluate import find_policy
 
     names = ["lateral_position"]
-    import numpy as np
-
     control.Network(
         [(np.zeros((2, 1), np.float32), np.zeros(2, np.float32))],
         "tanh",

@@ -1,11 +1,14 @@
 """The one interface of all policies: by name, on every task, for every steer mode, one observation or many."""
 
+import sys
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from combinations import only_all
 
 from bicycle_env import control
+from bicycle_env.control.design.estimation import Noise
 from bicycle_env.registration import ENVIRONMENTS
 
 IDS, ACTIVE, EVADE = [row.id for row in ENVIRONMENTS], "BicycleActiveSteer-v0", "BicycleEvade-v0"
@@ -92,6 +95,57 @@ def test_one_observation_and_many(name, steer, env_id):
         assert np.array_equal(action, policy.act(observation)), "after reset() nothing is remembered"
     policy.reset()
     assert policy.act(many[:0]).shape == (0, axles)
+
+
+class Unrounded:
+    """numpy for a controller, which then gives its actions in double precision: no last bit is rounded away."""
+
+    float32 = np.float64
+
+    def __getattr__(self, name):
+        return getattr(np, name)
+
+
+AT_HOME = [
+    (env_id, name, steer)
+    for env_id, name, steer in CASES
+    if env_id == HOMES.get(name, "BicycleLaneChange-v0") and name not in ("mpc", "network") and steer != "rear"
+]
+
+
+@pytest.mark.parametrize(("env_id", "name", "steer"), AT_HOME)
+def test_each_of_many_cars_is_driven_as_if_alone(env_id, name, steer, monkeypatch):
+    for module in [module for key, module in sys.modules.items() if key.startswith("bicycle_env.control.")]:
+        if hasattr(module, "np"):
+            monkeypatch.setattr(module, "np", Unrounded())
+    env = gym.make(env_id, steer=steer).unwrapped
+    policy = control.make(name, env)
+    assert control.alone_among_many(policy)
+    seen = 0.1 * np.random.default_rng(0).uniform(-1.0, 1.0, (3, 19, len(env.observation_names))).astype(np.float32)
+    many = np.array([policy.act(now) for now in seen])
+    for car in range(seen.shape[1]):
+        policy.reset()
+        alone = np.array([policy.act(now[car]) for now in seen])
+        assert alone.dtype == np.float64
+        np.testing.assert_array_equal(alone, many[:, car])
+
+
+def test_of_which_policies_that_is_known():
+    env = gym.make("BicycleStab-v0").unwrapped
+    mine = type("Mine", (control.LQR,), {})(env)
+    noisy = control.LQG(env, sensor_noise=Noise())
+    assert control.alone_among_many(network(env, 2))
+    for policy in (
+        mine,
+        noisy,
+        control.make("mpc", env),
+        control.DriverAndLaw(Mine(env), control.REAR_LAWS["sano"](env)),
+    ):
+        assert not control.alone_among_many(policy)
+
+
+class Mine(control.DRIVERS["stanley"]):
+    """A driver of one's own."""
 
 
 @pytest.mark.parametrize(("env_id", "name", "steer"), [*DRIVES, (IDS[0], "network", "both")])

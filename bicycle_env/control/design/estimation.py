@@ -19,6 +19,7 @@ from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.analysis.stability import input_matrix, state_matrix
 from bicycle_env.control.design.gains import zero_order_hold
 from bicycle_env.control.policy import Plant
+from bicycle_env.control.rows import product
 from bicycle_env.physics.car import CarState, car_on_road
 from bicycle_env.physics.elementary import NUMPY
 
@@ -80,22 +81,22 @@ class KalmanFilter:
 
     def innovation(self, state: Matrix, known: Matrix, measured: Matrix) -> Matrix:
         """What a measurement tells that the predicted state did not: z - C x - D u."""
-        difference: Matrix = measured - state @ self.C.T - known @ self.D.T
+        difference: Matrix = measured - product(state, self.C.T) - product(known, self.D.T)
         return difference
 
     def update(self, state: Matrix, innovation: Matrix) -> Matrix:
         """The estimate now, from the predicted state and the innovation."""
-        estimate: Matrix = state + innovation @ self.gain.T
+        estimate: Matrix = state + product(innovation, self.gain.T)
         return estimate
 
     def predict(self, estimate: Matrix, innovation: Matrix, known: Matrix) -> Matrix:
         """The state predicted for the next step, from the estimate, its innovation and the inputs."""
-        state: Matrix = estimate @ self.A.T + known @ self.B.T + innovation @ self._correction.T
+        state: Matrix = product(estimate, self.A.T) + product(known, self.B.T) + product(innovation, self._correction.T)
         return state
 
     def first(self, known: Matrix, measured: Matrix) -> Matrix:
         """The state that a first measurement alone tells of, least squares: where nothing is known before."""
-        state: Matrix = (measured - known @ self.D.T) @ np.linalg.pinv(self.C).T
+        state: Matrix = product(measured - product(known, self.D.T), np.linalg.pinv(self.C).T)
         return state
 
 
