@@ -40,9 +40,13 @@ class Args:
 
     env_id: str = "BicycleStab-v0"
     """Environment id."""
-    policy: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME|FOLDER|FILE.json [...]")] = ("lqr", "zero")
+    policy: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME|FOLDER|FILE.json|MODULE:NAME|FILE.zip [...]")] = (
+        "lqr",
+        "zero",
+    )
     """Controllers by name, listed above; folders with policy.safetensors and policy.json, as train writes them; .json
-    files of a controller's parameters, as tune writes them."""
+    files of a controller's parameters, as tune writes them; a class or function in a module of your own; with
+    --trust-pickle .zip files of Stable-Baselines3, and the .pkl of a VecNormalize beside them."""
     episodes: int = 100
     """Episodes per policy."""
     seed: int = 1
@@ -50,6 +54,8 @@ class Args:
     env_keywords: str | None = None
     """Keywords of the environment as JSON, for example '{"speed_ratio": 1.3, "steer": "rear"}'. By default those that
     the trained policies among --policy were trained with, if all agree; they serve the controllers too."""
+    trust_pickle: bool = False
+    """Open .zip files of Stable-Baselines3, which run whatever code is in them."""
     json: Path | None = None
     """Also write the figures to this file."""
 
@@ -135,11 +141,21 @@ def parse_keywords(text: str) -> dict[str, Any]:
     return keywords
 
 
-def find_policy(name: str, env: gym.Env) -> control.Policy:
-    """A controller by its name, a trained policy by its folder, or a controller with the parameters in a file.
+def find_policy(name: str, env: gym.Env, trust_pickle: bool = False) -> control.Policy:
+    """A policy as ``--policy`` names it; UserError for one that does not fit the environment.
 
-    UserError for one that does not fit the environment.
+    A controller or "pretrained", a class or function of one's own, a trained policy's folder, a file of a controller's
+    parameters; with `trust_pickle` also an archive of Stable-Baselines3.
     """
+    if name.endswith(trained.ARCHIVE):
+        if not trust_pickle:
+            raise UserError(
+                f"{shown(name)}: an archive of Stable-Baselines3 can hold code, which runs when it is read; if you "
+                "trust whoever made it, python -m agents.evaluate --trust-pickle opens it"
+            )
+        from agents.archive import Archived
+
+        return Archived(Path(name), env)
     if name.endswith(".json"):
         try:
             return control.from_file(name, env)
@@ -149,7 +165,8 @@ def find_policy(name: str, env: gym.Env) -> control.Policy:
         try:
             return control.make(name, env)
         except ValueError as error:
-            missing = "" if name in control.NAMES else f" There is no folder {name!r} of a trained policy either."
+            known = name in (*control.NAMES, control.PRETRAINED) or ":" in name
+            missing = "" if known else f" There is no folder {name!r} of a trained policy either."
             raise UserError(f"{error}{missing}") from None
     network = trained.load(name)
     trained.check_fit(name, network, env)
@@ -158,7 +175,11 @@ def find_policy(name: str, env: gym.Env) -> control.Policy:
 
 def list_of_controllers() -> str:
     """The names that a command takes as a policy, with a line about each, for its --help."""
-    rows = {**control.descriptions(), "DRIVER": f"{' or '.join(control.DRIVERS)}, for example preview+sano"}
+    rows = {
+        **control.descriptions(),
+        "DRIVER": f"{' or '.join(control.DRIVERS)}, for example preview+sano",
+        control.PRETRAINED: "The trained policy that comes with the package for the id and level.",
+    }
     width = max(map(len, rows))
     return "\n".join(["Controllers by name:", *(f"  {name:{width}}  {text}" for name, text in rows.items())])
 
@@ -202,8 +223,11 @@ def main() -> None:
         chosen = parse_keywords(args.env_keywords)
     keywords = {**chosen, "telemetry": True}
     env = make_env(args.env_id, keywords)
-    policies = {name: find_policy(name, env) for name in args.policy}
+    policies = {name: find_policy(name, env, args.trust_pickle) for name in args.policy}
     console = console_for_tables()
+    for name in policies:
+        if name.endswith(trained.ARCHIVE):
+            console.print(f"note: {shown(name)} was opened: whatever code is in it has run with your rights")
     if args.env_keywords is None and chosen:
         console.print(f"environment keywords, as in training: {json.dumps(chosen)}")
     for name, network in networks.items():
@@ -231,7 +255,8 @@ def main() -> None:
             {
                 "command": f"python -m agents.evaluate --env-id {args.env_id} --policy {' '.join(args.policy)} "
                 f"--episodes {args.episodes} --seed {args.seed}"
-                + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords is not None else ""),
+                + (f" --env-keywords '{args.env_keywords}'" if args.env_keywords is not None else "")
+                + (" --trust-pickle" if args.trust_pickle else ""),
                 **provenance.collect(),
                 "env_id": args.env_id,
                 "env_keywords": keywords,

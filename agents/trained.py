@@ -20,11 +20,14 @@ NOT_FROM_A_FILE = {"self", "telemetry", "render_mode", "task_keywords"}
 OF_TRAINING = ("dtype", "threads", "staggered_start", "on_invalid", "telemetry")
 """Keywords of many cars at once, which say nothing about the one that is evaluated."""
 LIMIT = "max_episode_steps"  # gym.make's own
+ARCHIVE = ".zip"
+"""Of Stable-Baselines3."""
 
 
 def is_trained(name: str) -> bool:
     """Whether a --policy names a trained policy's folder, or something in its place, and no controller or weights."""
-    return name not in control.NAMES and not name.endswith(".json") and Path(name).exists()
+    other = name in (*control.NAMES, control.PRETRAINED) or name.endswith((".json", ARCHIVE))
+    return not other and Path(name).exists()
 
 
 def load(name: str) -> control.Network:
@@ -81,15 +84,7 @@ def common_keywords(trained: dict[str, control.Network], environment: type[Singl
 
 def check_fit(name: str, network: control.Network, env: gym.Env) -> None:
     """UserError unless observations and actions are the environment's; the line names the keywords of both."""
-    plant: Any = env.unwrapped
-    description = network.description
-    expected, axles = list(plant.observation_names), plant.action_space.shape[0]
-    names, actions = description["observation_names"], description["layers"][-1][0]
-    if names == expected and actions == axles:
-        return
-    here = {} if env.spec is None else {key: value for key, value in env.spec.kwargs.items() if key != "telemetry"}
-    raise UserError(
-        f"{shown(name)} was trained for {shown(description['env_id'], 60)} with {len(names)} observations, {actions} "
-        f"actions and the keywords {shown(json.dumps(description.get('env_keywords', {})))}; this environment has "
-        f"{len(expected)} and {axles}, with the keywords {shown(here)}"
-    )
+    try:
+        network.check_fit(env.unwrapped)
+    except ValueError as error:
+        raise UserError(f"{shown(name)}: {error}") from None

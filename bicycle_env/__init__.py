@@ -29,6 +29,7 @@ __all__ = [
     "distributions",
     "disturbances",
     "drivers",
+    "load_policy",
     "plots",
     "register",
     "register_vehicle",
@@ -44,4 +45,8 @@ def __getattr__(name: str) -> Any:
         import bicycle_env.plots as plots  # "from bicycle_env import" would ask this function again
 
         return plots
+    if name == "load_policy":  # the controllers are imported when first needed, too
+        from bicycle_env.control import load_policy
+
+        return load_policy
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""The command ``bicycle-env``: a report on one car, and the list of cars. ``python -m bicycle_env`` is the same."""
+"""The command ``bicycle-env``: a report on one car, cars, leaderboard. ``python -m bicycle_env`` is the same."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from bicycle_env import __version__, report, tires
+from bicycle_env import __version__, leaderboard, report, tires
 from bicycle_env.backends import announcements
 from bicycle_env.backends.compiled import CompilerDisabledError
 from bicycle_env.files import checked_output_folder, shown
@@ -92,7 +92,7 @@ def parser() -> Parser:
     top = Parser(
         prog=PROGRAM,
         description="Cars at and beyond their stability limit, held against theory.",
-        epilog=f"{PROGRAM} report --help and {PROGRAM} vehicles --help explain the commands.",
+        epilog=f"{PROGRAM} COMMAND --help explains a command.",
         allow_abbrev=False,
     )
     top.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
@@ -143,6 +143,18 @@ def parser() -> Parser:
     )
     listing.add_argument("--json", action="store_true", help="print all their parameters as JSON")
     listing.set_defaults(run=run_vehicles)
+
+    board = commands.add_parser(
+        "leaderboard",
+        help="trained policies and classical controllers, by id and level",
+        description="How well the trained policies that come with the package drive, and the classical controllers, by "
+        "id and level; 95 %% intervals. A score is 0 for the best classical controller and 1 for the best found; there "
+        "is none where these are the same. docs/leaderboard.md says more.",
+        allow_abbrev=False,
+    )
+    board.add_argument("--env-id", metavar="ID", help="only of this id, such as BicycleStab-v0")
+    board.add_argument("--json", action="store_true", help="print all that the file holds of them as JSON")
+    board.set_defaults(run=run_leaderboard)
     return top
 
 
@@ -205,6 +217,19 @@ def run_vehicles(chosen: argparse.Namespace) -> None:
         _write_json(report.vehicles_as_json())
         return
     sys.stdout.write(report.vehicles_as_text(shutil.get_terminal_size().columns))
+
+
+def run_leaderboard(chosen: argparse.Namespace) -> None:
+    """``bicycle-env leaderboard``."""
+    try:
+        content = leaderboard.read()
+        levels = leaderboard.of_id(content["levels"], chosen.env_id)
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    if chosen.json:
+        _write_json({**content, "levels": levels})
+        return
+    sys.stdout.write(leaderboard.as_text(levels))
 
 
 def _write_json(content: Any) -> None:

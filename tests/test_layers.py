@@ -68,10 +68,13 @@ ROWS = {
     "optimum": Row({*BELOW_ENVS, "control", "envs"}, {"gymnasium", "numpy"}),  # on top: no other row names it
     "registration": Row(set(), {"gymnasium"}, lazy_layers={"envs"}),
     "root": Row(
-        {"physics", "simulation", "analysis", "tasks", "registration"}, set(), lazy_layers={"plots", "rendering"}
+        {"physics", "simulation", "analysis", "tasks", "registration"},
+        set(),
+        lazy_layers={"plots", "rendering", "control"},
     ),
+    "leaderboard": Row({"files", "physics"}, set()),
     "report": Row(EVERYTHING | {"report"}, {"numpy", "scipy"}, lazy_packages={"matplotlib", "gymnasium", "control"}),
-    "cli": Row(EVERYTHING | {"report"}, set(), lazy_packages={"numpy", "gymnasium"}),
+    "cli": Row(EVERYTHING | {"report", "leaderboard"}, set(), lazy_packages={"numpy", "gymnasium"}),
 }
 
 
@@ -277,6 +280,8 @@ def test_the_package_and_an_environment_are_light():
         "import gymnasium as gym\n"
         "import bicycle_env\n"
         "import bicycle_env.wrappers\n"
+        "assert 'bicycle_env.control' not in sys.modules\n"
+        "bicycle_env.load_policy('BicycleStab-v0')\n"
         "bicycle_env.plots.episode\n"
         "gym.make('BicycleStab-v0')\n"
         "print(*sorted({name.split('.')[0] for name in sys.modules}))\n"

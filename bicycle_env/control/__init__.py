@@ -11,7 +11,8 @@ from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, Weights, r
 from bicycle_env.control.mpc import MPC
 from bicycle_env.control.network import Network, load
 from bicycle_env.control.pole_placement import PolePlacement
-from bicycle_env.control.policy import Plant, Policy, Zero
+from bicycle_env.control.policy import Function, Plant, Policy, Zero
+from bicycle_env.control.pretrained import PRETRAINED, load_policy
 from bicycle_env.control.registry import (
     NAMES,
     POLICIES,
@@ -31,6 +32,7 @@ __all__ = [
     "MPC",
     "NAMES",
     "POLICIES",
+    "PRETRAINED",
     "REAR_LAWS",
     "REAR_STEERINGS",
     "TUNABLE",
@@ -38,6 +40,7 @@ __all__ = [
     "ContinuousLQR",
     "DriverAndLaw",
     "EvadePath",
+    "Function",
     "Network",
     "Parameter",
     "PathRound",
@@ -53,6 +56,7 @@ __all__ = [
     "descriptions",
     "from_file",
     "load",
+    "load_policy",
     "make",
     "read_weights",
     "searched",

@@ -7,6 +7,7 @@ observations it sees, what the mirror image of one is. So it drives the environm
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -174,6 +175,19 @@ class Network(Policy):
             x = self._activation(np.matmul(x, weight) + bias)
         weight, bias = self._layers[-1]
         return (np.matmul(x, weight) + bias).reshape(-1, self._axles)[: len(seen)]
+
+    def check_fit(self, plant: Any) -> None:
+        """ValueError unless an environment shows and steers what the policy was trained with; both keywords in it."""
+        names, axles = self.description["observation_names"], plant.action_space.shape[-1]
+        if names == list(plant.observation_names) and self._axles == axles:
+            return
+        spec = getattr(plant, "spec", None)
+        here = {} if spec is None else {key: value for key, value in spec.kwargs.items() if key != "telemetry"}
+        raise ValueError(
+            f"the policy was trained for {shown(self.description.get('env_id'), 60)} with {len(names)} observations, "
+            f"{self._axles} actions and the keywords {shown(json.dumps(self.description.get('env_keywords', {})))}; "
+            f"this environment has {len(plant.observation_names)} and {axles}, with the keywords {shown(here)}"
+        )
 
     def arrays(self) -> dict[str, NDArray[np.float32]]:
         """Its weights by name: ``layer0.weight`` (out, in), ``layer0.bias`` (out,), and so on."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import copy
+from collections.abc import Callable
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -70,6 +71,23 @@ class Policy(abc.ABC):
         Returns:
             (axles,) or (cars, axles), float32.
         """
+
+
+class Function(Policy):
+    """A function of one's own, from one car's observation to its action.
+
+    Args:
+        name: what it is called.
+        function: (entries,) to (axles,), in [-1, 1].
+    """
+
+    def __init__(self, name: str, function: Callable[[Array], Any]) -> None:
+        self.name, self._function = name, function
+
+    def act(self, observation: Array) -> NDArray[np.float32]:
+        if np.ndim(observation) == 1:
+            return np.asarray(self._function(observation), np.float32)
+        return np.array([self.act(row) for row in observation], np.float32)
 
 
 class Zero(Policy):

@@ -17,7 +17,8 @@ from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, read_weigh
 from bicycle_env.control.mpc import MPC
 from bicycle_env.control.network import Network
 from bicycle_env.control.pole_placement import PolePlacement
-from bicycle_env.control.policy import Plant, Policy, Zero
+from bicycle_env.control.policy import Function, Plant, Policy, Zero
+from bicycle_env.control.pretrained import PRETRAINED, pretrained
 from bicycle_env.control.tunable import TunablePolicy, values_of
 from bicycle_env.files import anything, mapping, naming, read_json, table, text
 from bicycle_env.physics.validation import choice
@@ -53,8 +54,8 @@ def tunable(name: str) -> type[TunablePolicy]:
         ValueError, TypeError: an unknown name (the message proposes the nearest); a class that declares no parameters.
     """
     if isinstance(name, str) and ":" in name:
-        found = _class_of_ones_own(name)
-        if not issubclass(found, TunablePolicy):
+        found = _ones_own(name)
+        if not (isinstance(found, type) and issubclass(found, TunablePolicy)):
             raise TypeError(f"controller {name!r} must be a TunablePolicy to have parameters")
         return found
     return TUNABLE[choice("controller with parameters", name, TUNABLE)]
@@ -99,7 +100,9 @@ def make(
 
     Args:
         name: one of ``POLICIES``, or DRIVER+LAW: a driver at the front wheels and a law at the rear ones, for example
-            "preview+sano"; or "module:Class", a :class:`Policy` of one's own, which is made from the environment.
+            "preview+sano"; "pretrained", the trained policy that comes with the package for the environment's id and
+            level; "module:Class", a :class:`Policy` of one's own, which is made from the environment, or
+            "module:function", which takes one car's observation and gives its action.
         env: the environment, wrapped or not.
         parameters: of a controller of ``TUNABLE``, by their names, or a file that ``agents.tune`` wrote; those that the
             class's ``parameters`` list. By default the controller's own.
@@ -121,13 +124,14 @@ def make(
     if parameters is not None:
         controller = tunable(name)
         return controller.of(plant, values_of(controller, plant, parameters))
+    if name == PRETRAINED:
+        return pretrained(plant)
     if isinstance(name, str) and name in REAR_LAWS:
         drivers = " or ".join(repr(f"{driver}+{name}") for driver in DRIVERS)
         raise ValueError(f"policy {name!r} steers the rear wheels only, and needs a driver at the front: {drivers}.")
     if isinstance(name, str) and ":" in name:
-        made: Any = _class_of_ones_own(name)
-        own: Policy = made(plant)
-        return own
+        own = _ones_own(name)
+        return own(plant) if isinstance(own, type) else Function(name, own)
     choice("policy", name, NAMES)
     policy: Policy = POLICIES[name](plant) if name in POLICIES else driver_and_law(name, plant)
     return policy
@@ -171,16 +175,21 @@ def _from_file(path: str | Path, plant: Plant, name: str | None = None) -> Polic
     return controller.of(plant, values)
 
 
-def _class_of_ones_own(name: str) -> type[Policy]:
-    module_name, _, class_name = name.partition(":")
+def _ones_own(name: str) -> Any:
+    """A class of policies, or a function, in a module of the user's."""
+    module_name, _, own_name = name.partition(":")
     try:
         module = importlib.import_module(module_name)
     except ImportError as error:
         raise ValueError(f"policy {name!r}: the module {module_name!r} cannot be imported ({error})") from None
-    classes = {
-        key: value for key, value in vars(module).items() if isinstance(value, type) and issubclass(value, Policy)
-    }
-    return classes[choice(f"policy: class in {module_name}", class_name, classes)]
+    found = {key: value for key, value in vars(module).items() if _drives(value, module_name)}
+    return found[choice(f"policy: class or function in {module_name}", own_name, found)]
+
+
+def _drives(value: Any, module_name: str) -> bool:
+    if isinstance(value, type):
+        return issubclass(value, Policy)
+    return inspect.isfunction(value) and value.__module__ == module_name
 
 
 def descriptions() -> dict[str, str]:

@@ -1,0 +1,225 @@
+"""Publish the best of some runs as the policy that comes with the package, and write the leaderboard anew.
+
+    python -m agents.publishing runs/stab-0 runs/stab-1 --level medium
+    python -m agents.publishing               # only the leaderboard, after results/headroom.json has changed
+
+The best is the one with the most success on the starts that select, as its run.json says; the 2000 starts that report
+choose nothing. Its folder says what it is: policy.json has the level, the score, the training, and what made it.
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tyro
+
+from agents import messages, scores, trained
+from agents.episodes import start_seeds
+from agents.evaluate import environment
+from agents.messages import UserError
+from agents.statistics import mean, share
+from bicycle_env import control, leaderboard, optimum, provenance
+from bicycle_env.control.network import DESCRIPTION_FILE
+from bicycle_env.control.pretrained import FOLDER, place, published
+from bicycle_env.files import (
+    FileError,
+    anything,
+    mapping,
+    number_in,
+    read_json,
+    shown,
+    table,
+    text,
+    whole_in,
+    write_json,
+)
+
+STARTS, SEED = 2000, 1
+"""That report."""
+RECORD = table(
+    {
+        "env_id": text(200),
+        "seed": whole_in(0, 2**63),
+        "best": table({"success_rate": number_in(0.0, 1.0), "episode_return": number_in(-1e12, 1e12)}, others=True),
+    },
+    others=True,
+)
+OF_TRAINING = (
+    *("algo", "seed", "settings", "env_keywords", "timesteps", "seconds", "best", "resumed"),
+    *("date", "machine", "versions", "git"),
+)
+"""Of run.json, what policy.json keeps."""
+SCORED = table({"score": mapping(anything)}, others=True)
+
+
+@dataclass
+class Args:
+    """Publish the best of some runs; without runs, only write the leaderboard anew."""
+
+    runs: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """Folders of finished trainings, of one id."""
+    level: str | None = None
+    """That the policy is published for, and driven at: easy, medium or hard."""
+    out: Path = FOLDER
+    """Folder of the policies and the leaderboard."""
+
+
+class Run(NamedTuple):
+    """A training, and how its policy drives at the level."""
+
+    folder: Path
+    record: dict[str, Any]
+    network: control.Network
+    score: dict[str, Any]
+
+    @property
+    def selected_by(self) -> tuple[float, float]:
+        """Success and mean return on the starts that select."""
+        return self.record["best"]["success_rate"], self.record["best"]["episode_return"]
+
+
+def publish(
+    folders: Sequence[Path], level: str, out: Path = FOLDER, starts: int = STARTS, command: str = ""
+) -> list[Run]:
+    """Write the best policy of some runs into its folder below `out`, and the leaderboard; all runs, the best first.
+
+    Args:
+        folders: of the runs.
+        level: of their id.
+        out: folder of the policies.
+        starts: that report.
+        command: that is written down.
+
+    Raises:
+        UserError: a run that cannot be published, a bad level, runs of different ids.
+    """
+    records = [record_of(folder) for folder in folders]
+    ids = sorted({record["env_id"] for record in records})
+    if len(ids) != 1:
+        raise UserError(f"the runs must be of one id, got {', '.join(map(shown, ids))}")
+    environment(ids[0])
+    try:
+        cars = optimum.Cars(ids[0], {"level": level})
+    except (ValueError, TypeError) as error:
+        raise UserError(f"--level: {shown(error)}") from None
+    runs = [scored_run(folder, record, cars, level, starts) for folder, record in zip(folders, records, strict=True)]
+    runs.sort(key=lambda run: run.selected_by, reverse=True)
+    best = runs[0]
+    best.network.description |= {
+        "env_keywords": {"level": level},
+        "level": level,
+        "command": command,
+        **provenance.collect(),
+        "score": best.score,
+        "training": {name: best.record[name] for name in OF_TRAINING if name in best.record},
+        "runs": [
+            {
+                "seed": run.record["seed"],
+                "selection": run.record["best"],
+                "success_rate": run.score["success_rate"],
+                "episode_return": run.score["episode_return"],
+            }
+            for run in runs
+        ],
+    }
+    best.network.save(place(ids[0], level, out))
+    write_leaderboard(out, command)
+    return runs
+
+
+def record_of(folder: Path) -> dict[str, Any]:
+    """What run.json says; UserError unless it is of a finished run that has chosen its best policy."""
+    try:
+        record: dict[str, Any] = read_json(folder / "run.json", RECORD)
+    except (FileError, OSError) as error:
+        raise UserError(
+            f"{shown(folder)} is no finished run of a trainer that keeps its best policy: {error}"
+        ) from None
+    return record
+
+
+def scored_run(folder: Path, record: dict[str, Any], cars: optimum.Cars, level: str, starts: int) -> Run:
+    """A run with its policy's figures on the starts that report."""
+    network = trained.load(str(folder))
+    trained.check_fit(str(folder), network, cars.plant)
+    outcomes = optimum.drive(cars.of(starts), optimum.by(network), start_seeds(starts, SEED))
+    known = scores.known_of(record["env_id"], level)
+    success = share(outcomes.success)
+    score = {
+        "starts": starts,
+        "seed": SEED,
+        "success_rate": success,
+        "episode_return": mean(outcomes.episode_return),
+        "score": None if known is None else known.score(success["value"]),
+        "best_found": None if known is None else known.reference_success,
+    }
+    return Run(folder, record, network, score)
+
+
+def write_leaderboard(out: Path = FOLDER, command: str = "") -> None:
+    """The policies in a folder beside what the headroom study says of classical controllers and the best found."""
+    content = {"command": command, **provenance.collect(), "levels": levels(out)}
+    write_json(out / leaderboard.FILE.name, content)
+
+
+def levels(out: Path = FOLDER) -> dict[str, Any]:
+    """By id and level, the rows of the leaderboard."""
+    study = read_json(scores.FILE, table({"settings": mapping(scores.PART)}, others=True), scores.LARGEST)["settings"]
+    studied = [name for name, part in study.items() if part.get("level")]
+    policies = [f"{env_id} {level}" for env_id, those in published(out).items() for level in those]
+    return {name: {"rows": rows(*name.split(), out)} for name in dict.fromkeys((*studied, *policies))}
+
+
+def rows(env_id: str, level: str, out: Path) -> list[dict[str, Any]]:
+    """The drivers of a level: the best first, the best found last."""
+    known, part = scores.known_of(env_id, level), scores.part_of(env_id, level)
+
+    def row(name: str, kind: str, figures: dict[str, Any]) -> dict[str, Any]:
+        shared = {key: figures[key] for key in ("starts", "success_rate", "episode_return")}
+        score = None if known is None else known.score(figures["success_rate"]["value"])
+        return {"name": name, "kind": kind, **shared, "score": score}
+
+    found = []
+    if (folder := place(env_id, level, out)).is_dir():
+        found.append(row(control.PRETRAINED, "policy", read_json(folder / DESCRIPTION_FILE, SCORED)["score"]))
+    drivers = {} if part is None else part["drivers"]
+    for name, figures in drivers.items():
+        if "controller" in figures and figures["sees"] == "observation":
+            found.append(row(name, "classical", figures))
+    found.sort(key=lambda row: (row["success_rate"]["value"], row["episode_return"]["value"]), reverse=True)
+    if known is not None:
+        found.append(row(known.reference, "reference", drivers[known.reference]))
+    return found
+
+
+def main() -> None:
+    args = tyro.cli(Args, prog="python -m agents.publishing", description=__doc__)
+    messages.check_output("--out", args.out, folder=True)
+    command = shlex.join(["python", "-m", "agents.publishing", *sys.argv[1:]])
+    console = messages.console()
+    if not args.runs:
+        if args.level is not None:
+            raise UserError("--level needs runs to publish")
+        write_leaderboard(args.out, command)
+    elif args.level is None:
+        raise UserError("--level must say what level the policy is published for: easy, medium or hard")
+    else:
+        runs = publish(args.runs, args.level, args.out, command=command)
+        for run in runs:
+            success, episode_return = run.score["success_rate"], run.score["episode_return"]
+            low, high = (100.0 * end for end in success["interval"])
+            console.print(
+                f"{shown(run.folder)}: selected with {100.0 * run.selected_by[0]:.1f} %, reports "
+                f"{100.0 * success['value']:.1f} % [{low:.1f}, {high:.1f}], return {episode_return['value']:.1f}"
+            )
+        console.print(f"published: {place(runs[0].record['env_id'], args.level, args.out)}")
+    console.print(f"written: {args.out / leaderboard.FILE.name}")
+
+
+if __name__ == "__main__":
+    messages.run(main)
