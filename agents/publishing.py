@@ -144,13 +144,17 @@ def record_of(folder: Path) -> dict[str, Any]:
 
 
 def scored_run(folder: Path, record: dict[str, Any], cars: optimum.Cars, level: str, starts: int) -> Run:
-    """A run with its policy's figures on the starts that report."""
+    """A run, with its policy's figures; UserError for a policy that does not fit."""
     network = trained.load(str(folder))
     trained.check_fit(str(folder), network, cars.plant)
+    return Run(folder, record, network, figures(network, cars, record["env_id"], level, starts))
+
+
+def figures(network: control.Network, cars: optimum.Cars, env_id: str, level: str, starts: int) -> dict[str, Any]:
+    """How a policy does on the starts that report."""
     outcomes = optimum.drive(cars.of(starts), optimum.by(network), start_seeds(starts, SEED))
-    known = scores.known_of(record["env_id"], level)
-    success = share(outcomes.success)
-    score = {
+    success, known = share(outcomes.success), scores.known_of(env_id, level)
+    return {
         "starts": starts,
         "seed": SEED,
         "success_rate": success,
@@ -158,7 +162,6 @@ def scored_run(folder: Path, record: dict[str, Any], cars: optimum.Cars, level: 
         "score": None if known is None else known.score(success["value"]),
         "best_found": None if known is None else known.reference_success,
     }
-    return Run(folder, record, network, score)
 
 
 def write_leaderboard(out: Path = FOLDER, command: str = "") -> None:
@@ -215,10 +218,11 @@ def main() -> None:
             low, high = (100.0 * end for end in success["interval"])
             console.print(
                 f"{shown(run.folder)}: selected with {100.0 * run.selected_by[0]:.1f} %, reports "
-                f"{100.0 * success['value']:.1f} % [{low:.1f}, {high:.1f}], return {episode_return['value']:.1f}"
+                f"{100.0 * success['value']:.1f} % [{low:.1f}, {high:.1f}], return {episode_return['value']:.1f}",
+                soft_wrap=True,
             )
-        console.print(f"published: {place(runs[0].record['env_id'], args.level, args.out)}")
-    console.print(f"written: {args.out / leaderboard.FILE.name}")
+        console.print(f"published: {place(runs[0].record['env_id'], args.level, args.out)}", soft_wrap=True)
+    console.print(f"written: {args.out / leaderboard.FILE.name}", soft_wrap=True)
 
 
 if __name__ == "__main__":

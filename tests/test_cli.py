@@ -5,16 +5,18 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import subprocess
 import sys
 
 import pytest
 
-from bicycle_env import Vehicle, __version__, report, vehicles
+from bicycle_env import Vehicle, __version__, leaderboard, report, vehicles
 from bicycle_env.cli import main
 from bicycle_env.report import pictures
 
 COARSE = ("--grid", "31")
+LEVELS = ("easy", "medium", "hard")
 
 
 def run(*words, **keywords):
@@ -182,6 +184,31 @@ def test_the_example_in_the_help_is_a_car(tmp_path, capsys):
     example = "\n".join(lines[begin + 1 : lines.index("", begin)])
     (tmp_path / "my_car.toml").write_text(example, encoding="utf-8")
     assert Vehicle.read(tmp_path / "my_car.toml").mass == 1500.0
+
+
+def test_the_leaderboard(capsys, no_matplotlib):
+    assert main(["leaderboard"]) == 0
+    printed = capsys.readouterr().out
+    assert all(f"{env_id}-v0 {level}\n" in printed for env_id in ("BicycleStab", "BicycleEvade") for level in LEVELS)
+    assert main(["leaderboard", "--env-id", "BicycleStab-v0"]) == 0
+    printed = capsys.readouterr().out
+    assert "BicycleEvade" not in printed
+    (row,) = [line for line in printed.splitlines() if line.split()[:1] == ["pretrained"] and " 2000 " in line][:1]
+    assert re.fullmatch(r"  pretrained +\d+\.\d \[\d.*\] +\d+\.\d \[.*\] +\S+ +2000 +trained", row)
+    assert main(["leaderboard", "--env-id", "BicycleStab-v0", "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert set(content["levels"]) == {f"BicycleStab-v0 {level}" for level in LEVELS}
+    assert content["command"].startswith("python -m agents.publishing")
+
+
+def test_a_mistake_about_the_leaderboard_is_one_line(capsys, monkeypatch, tmp_path):
+    assert main(["leaderboard", "--env-id", "BicycleStap-v0"]) == 2
+    assert "env_id must be one of" in (line := capsys.readouterr().err)
+    assert "did you mean 'BicycleStab-v0'?" in line
+    (tmp_path / "leaderboard.json").write_text('{"levels": {"a b": {"rows": [{}]}}}')
+    monkeypatch.setattr(leaderboard.read, "__defaults__", (tmp_path / "leaderboard.json",))
+    assert main(["leaderboard"]) == 2
+    assert "leaderboard.json: levels.a b.rows[0] must have the keys name, kind" in capsys.readouterr().err
 
 
 def test_a_reader_that_stops_early_is_no_error():

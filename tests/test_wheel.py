@@ -27,16 +27,23 @@ def test_the_wheel_installs_and_steps_elsewhere(tmp_path):
     assert tops == {"bicycle_env", f"{'-'.join(wheel.name.split('-')[:2])}.dist-info"}
     assert "bicycle_env/py.typed" in names
     assert "bicycle_env/control/tuned_parameters.json" in names
+    shipped = {
+        path.relative_to(ROOT).as_posix() for path in (ROOT / "bicycle_env/policies").rglob("*") if path.is_file()
+    }
+    assert shipped == {name for name in names if name.startswith("bicycle_env/policies/")}
+    assert "bicycle_env/policies/BicycleStab-v0-medium/policy.safetensors" in shipped
 
     site = tmp_path / "site"
     run("-m", "pip", "install", "-q", "--no-deps", "--target", str(site), str(wheel))
     printed = run(
         "-c", STEP, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(site), "NUMBA_CACHE_DIR": str(tmp_path / "c")}
     )
-    where, reward, action = printed.split()
+    where, reward, action, steered, drivers = printed.split()
     assert Path(where).is_relative_to(site)
     assert 0.0 < float(reward) <= 1.0
     assert float(action) != 0.0
+    assert 0.0 < abs(float(steered)) <= 1.0
+    assert "pretrained" in drivers.split(",")
 
 
 COPY = """
@@ -53,10 +60,12 @@ shutil.copytree(root / "agents", copy / "agents", ignore=shutil.ignore_patterns(
 STEP = """
 import gymnasium as gym
 import bicycle_env
-from bicycle_env import control
+from bicycle_env import control, leaderboard
 env = gym.make("bicycle_env:BicycleStab-v0", tire="linear")
 observation, _ = env.reset(seed=0)
 action = control.make("lqr", env.unwrapped).act(observation)
 _, reward, *_ = env.step(action)
-print(bicycle_env.__file__, reward, action[0])
+steered = bicycle_env.load_policy("BicycleStab-v0").act(observation)
+rows = leaderboard.read()["levels"]["BicycleStab-v0 medium"]["rows"]
+print(bicycle_env.__file__, reward, action[0], steered[0], ",".join(row["name"].split()[0] for row in rows))
 """

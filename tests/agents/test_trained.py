@@ -7,8 +7,10 @@ import sys
 import gymnasium as gym
 import numpy as np
 import pytest
+from combinations import some_of
 
-from agents import evaluate, messages, trained
+import bicycle_env
+from agents import episodes, evaluate, messages, trained
 from agents.episodes import Episode
 from agents.messages import UserError
 from bicycle_env import Vehicle, control, vehicles
@@ -182,11 +184,91 @@ def test_an_output_that_cannot_be_written_is_refused_first(tmp_path, run, monkey
         messages.check_output("--out", tmp_path / "file", folder=True)
 
 
-@pytest.mark.parametrize("name", ["model.zip", "model.pkl"])
-def test_an_archive_is_refused_in_words(tmp_path, run, name):
+@pytest.mark.parametrize(
+    ("name", "words", "trusted"),
+    [
+        ("model.zip", "can hold code, which .* --trust-pickle opens it", "cannot be read as an archive"),
+        ("model.pkl", *2 * (r"pickles and \.pt files can hold code",)),
+    ],
+)
+def test_an_archive_is_refused_in_words(tmp_path, run, name, words, trusted):
     (tmp_path / name).write_bytes(b"PK")
-    with pytest.raises(UserError, match=r"pickles and \.pt files can hold code"):
+    with pytest.raises(UserError, match=words):
         run("--policy", str(tmp_path / name))
+    with pytest.raises(UserError, match=trusted):
+        run("--policy", str(tmp_path / name), "--trust-pickle")
+
+
+@pytest.mark.parametrize("algorithm", some_of(["PPO", "SAC", "TD3"], ["PPO"]))
+def test_an_archive_that_is_trusted_drives_as_its_model(tmp_path, run, algorithm):
+    import stable_baselines3 as sb3
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    env, path = gym.make("BicycleStab-v0"), tmp_path / "model.zip"
+    model = getattr(sb3, algorithm)("MlpPolicy", env, seed=3, device="cpu")
+    model.save(path)
+    observations = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 8)).astype(np.float32)
+
+    def actions():
+        policy = evaluate.find_policy(str(path), env, trust_pickle=True)
+        return np.array([policy.act(row) for row in observations])
+
+    expected = np.array([model.predict(row, deterministic=True)[0] for row in observations])
+    assert np.array_equal(actions(), expected)
+    normalizer = VecNormalize(DummyVecEnv([lambda: env]))
+    normalizer.obs_rms.mean, normalizer.obs_rms.var = 0.5 * observations[0], np.full(8, 0.25)
+    normalizer.save(str(tmp_path / "vecnormalize.pkl"))
+    np.testing.assert_allclose(actions()[0], expected[0], atol=1e-6)  # (x - x / 2) / (1 / 2)
+    assert not np.allclose(actions()[1], expected[1], atol=1e-6)
+
+    driven, printed = run("--policy", str(path), "lqr", "--trust-pickle")
+    assert len(driven) == 2
+    assert "was opened: whatever code is in it has run with your rights" in " ".join(printed.split())
+    with pytest.raises(UserError, match=r"its actions are Box.*, this environment's Box"):
+        evaluate.find_policy(str(path), gym.make("BicycleStab-v0", steer="rear"), trust_pickle=True)
+
+
+def test_the_policy_of_the_package_by_its_word(tmp_path, run, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pretrained").mkdir()  # the word is no folder
+    assert len(run("--policy", "pretrained", "lqr")[0]) == 2
+    bicycle_env.register("Mine/Gone-v0", BicycleStabEnv.default_task)
+    with pytest.raises(UserError, match=r"env_id with a policy must be one of .*, got 'Mine/Gone-v0'\.$"):
+        run("--env-id", "Mine/Gone-v0", "--policy", "pretrained")
+
+
+MINE = """
+import numpy as np
+from bicycle_env.control import Policy
+
+def straight(observation):
+    assert observation.shape == (8,)
+    return np.zeros(2)
+
+class Mine(Policy):
+    def __init__(self, plant):
+        pass
+    def act(self, observation):
+        return np.zeros(2, np.float32)
+"""
+
+
+def test_a_function_of_ones_own_drives(tmp_path, run, monkeypatch):
+    (tmp_path / "my_functions.py").write_text(MINE)
+    monkeypatch.syspath_prepend(tmp_path)
+    driven, printed = run("--policy", "my_functions:straight", "my_functions:Mine", "zero")
+    assert len(driven) == 3
+    assert "my_functions:straight" in printed
+    env = gym.make("BicycleStab-v0", telemetry=True)
+    mine, zero = control.make("my_functions:straight", env), control.make("zero", env)
+    assert mine.name == "my_functions:straight"
+    assert mine.act(np.zeros((3, 8), np.float32)).shape == (3, 2)
+    assert episodes.evaluate(env, mine, 21, 1) == episodes.evaluate(env, zero, 21, 1)
+    with pytest.raises(
+        UserError, match=r"must be one of 'straight', 'Mine', 'Policy'|'Policy', 'straight', 'Mine'"
+    ) as caught:
+        run("--policy", "my_functions:strait")
+    assert str(caught.value).endswith("did you mean 'straight'?")
 
 
 # Shown
