@@ -101,6 +101,7 @@ results:
 	-$(MAKE) OUT=results benchmark
 	-$(MAKE) OUT=results benchmark-vector
 	mv results/performance.png docs/performance.png
+	$(BIN)/python -m agents.publishing
 	$(BIN)/python tools/readme_tables.py
 
 compat: $(VENV)/.installed-test
