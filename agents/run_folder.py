@@ -197,10 +197,9 @@ def earlier_record(
             return None
         for name, value in identity.items():
             if before.get(name) != value:
-                place, had, given = _difference(name, before.get(name), value)
-                raise UserError(
-                    f"--resume: the run in {folder.path} has {shown(place)} = {shown(repr(had))}, not {shown(repr(given))}"
-                )
+                place, *values = _difference(name, before.get(name), value)
+                had, given = (shown(repr(each)) for each in values)
+                raise UserError(f"--resume: the run in {folder.path} has {shown(place)} = {had}, not {given}")
         check(before)
     except (ValueError, TypeError, OSError) as error:
         raise UserError(f"--resume: the record of the run is damaged: {shown(error)}") from None

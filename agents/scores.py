@@ -33,7 +33,8 @@ class Known(NamedTuple):
     classical_success: float
     reference: str
     reference_success: float
-    """Of the best found; where something is hidden, of the best found without knowing it."""
+    """Of the best found; where something is hidden, of the best found without knowing it: the classical controller's on
+    the starts that report and the room, which is one of the starts that the searches drove."""
     room_interval: tuple[float, float]
     best_return: float
     """The mean over starts of the largest return that anyone had there."""
@@ -69,16 +70,12 @@ def known_of(env_id: str, level: str, path: Path = FILE) -> Known | None:
     part = part_of(env_id, level, path)
     if part is None:
         return None
-    classical, reference = part["classical"], part["reference"]
-    low, high = part["room"]["interval"]
-    return Known(
-        classical["driver"],
-        classical["success_rate"],
-        reference["driver"],
-        reference["success_rate"],
-        (low, high),
-        part["best_return"],
-    )
+    driver, reference, room = part["classical"]["driver"], part["reference"], part["room"]
+    # The searched starts may be harder than all those that report: the room is theirs, the zero of all.
+    of_all = part.get("drivers", {}).get(driver, part["classical"])["success_rate"]
+    zero = of_all["value"] if isinstance(of_all, dict) else of_all
+    low, high = room["interval"]
+    return Known(driver, zero, reference["driver"], zero + room["value"], (low, high), part["best_return"])
 
 
 def part_of(env_id: str, level: str, path: Path = FILE) -> dict[str, Any] | None:

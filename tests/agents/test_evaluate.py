@@ -60,7 +60,10 @@ def test_a_mistake_is_one_line_and_exit_code_2(words, text):
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("module", some_of(["train", "evaluate", "benchmark", "demo", "tune", "headroom"], ["train"]))
+HELPED = ["train", "ppo", "policy_search", "evaluate", "benchmark", "seeds", "demo", "tune", "headroom", "publishing"]
+
+
+@pytest.mark.parametrize("module", some_of(HELPED, ["train"]))
 def test_help_teaches(module):
     done = command(f"agents.{module}", "--help")
     assert done.returncode == 0

@@ -30,9 +30,12 @@ def test_a_bar_is_drawn_on_every_console(monkeypatch, encoding):
 @pytest.mark.parametrize(
     ("module", "words", "text"),
     [
-        ("benchmark", ["--episodes", "0"], "--episodes must be at least 1, got 0"),
-        ("benchmark", ["--evaluation-seed", "-1"], "--evaluation-seed must be at least 0, got -1"),
-        ("benchmark", ["--total-timesteps", "0"], "--total-timesteps must be at least 1, got 0"),
+        ("seeds", ["--episodes", "0"], "--episodes must be at least 1, got 0"),
+        ("seeds", ["--evaluation-seed", "-1"], "--evaluation-seed must be at least 0, got -1"),
+        ("seeds", ["--total-timesteps", "0"], "--total-timesteps must be at least 1, got 0"),
+        ("seeds", ["--seeds", "0"], "--seeds must be at least 1, got 0"),
+        ("benchmark", ["--jobs", "0"], "--jobs must be at least 1, got 0"),
+        ("moving_picture", ["--starts", "0"], "--starts must be at least 1, got 0"),
         ("benchmark", ["--seeds", "0"], "--seeds must be at least 1, got 0"),
         ("demo", ["--episodes", "-1"], "--episodes must be at least 1, got -1"),
         ("evaluate", ["--policy"], "--policy must name at least one policy"),

@@ -44,6 +44,16 @@ def test_a_score_is_a_share_of_the_room(tmp_path):
     ]
 
 
+def test_the_zero_is_measured_on_all_starts_and_the_room_on_those_that_were_searched(tmp_path):
+    path = written(tmp_path)
+    content = json.loads(path.read_text())
+    content["settings"]["BicycleStab-v0 medium"]["drivers"] = {"lqr, tuned": row(0.55, 100.0)}
+    path.write_text(json.dumps(content))
+    found = scores.known(gym.make("BicycleStab-v0"), path)
+    assert found.score(0.55) == 0.0
+    assert found.score(0.65) == pytest.approx(0.5)
+
+
 def test_where_the_optimum_is_reached_there_is_no_score(tmp_path):
     found = scores.known(gym.make("BicycleStab-v0", level="medium"), written(tmp_path, 0.69, 0.70))
     assert found.score(0.7) is None
