@@ -12,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def test_tables_are_those_of_the_results_files():
@@ -31,15 +32,16 @@ def test_the_first_line_says_automobile():
     assert "automobile" in TEXT.splitlines()[0]
 
 
-@pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\(((?!http)[^)#]+)\)", TEXT))))
-def test_links_and_pictures_exist(link):
-    assert (ROOT / link).is_file()
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_pictures_exist(page):
+    for link in set(re.findall(r"\]\(((?!http)[^)#]+)[^)]*\)", page.read_text(encoding="utf-8"))):
+        assert (page.parent / link).is_file(), link
 
 
-LEADERBOARD = (ROOT / "docs" / "leaderboard.md").read_text(encoding="utf-8")
+RUN = TEXT + "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("use.md", "leaderboard.md"))
 
 
-@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", TEXT + LEADERBOARD, re.DOTALL))
+@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", RUN, re.DOTALL))
 def test_code_runs(block):
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", block], cwd=ROOT, capture_output=True, text=True, check=False
