@@ -350,9 +350,9 @@ def summary() -> str:
             row += [percent(rows.get("best found without knowing")), percent(rows["best found"])]
             lines.append(f"| `{part['env_id']}` {part['level']} | " + " | ".join(row) + " |")
     more = (
-        "`python -m agents.headroom` and `python -m agents.benchmark`: 2000 starts, the same for all, of the searches 200 "
-        "or 64; in brackets 95 % intervals, of PPO over seeds; dates, machines and revisions in `results/headroom.json` "
-        "and `results/benchmark.json`."
+        "`python -m agents.headroom` and `python -m agents.benchmark`: 2000 starts, the same for all, of the searches "
+        "200 or 64; in brackets 95 % intervals, of PPO over seeds; dates, machines and revisions in "
+        "`results/headroom.json` and `results/benchmark.json`."
     )
     return "\n".join([*lines, "", more])
 
