@@ -28,7 +28,7 @@ help:
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
 	@echo "make tensors             TorchVectorEnv beside the native environment: runs/torch_env.json"
-	@echo "make results             all of these into results/, and the tables and pictures of the README and docs/ (an hour)"
+	@echo "make results             all of these into results/, and the tables and pictures of the README and docs/ (hours)"
 	@echo "make compat              Stable-Baselines3, RLlib, TorchRL, Minari, ...: runs/compat.json (installs 6 GB)"
 	@echo "make gymnasium-versions  contract checks on gymnasium $(GYMNASIUM_VERSIONS)"
 
@@ -97,7 +97,7 @@ tensors: $(VENV)/.installed-demo
 
 # A row of the benchmarks that falls short here stands in its table, marked: the rest is made all the same.
 results:
-	$(MAKE) OUT=results demo stab lane-change controllers headroom entry-speed alignment tensors
+	$(MAKE) OUT=results demo stab lane-change controllers headroom entry-speed alignment learning tensors
 	-$(MAKE) OUT=results benchmark
 	-$(MAKE) OUT=results benchmark-vector
 	mv results/performance.png docs/performance.png
