@@ -1,0 +1,87 @@
+"""What a policy bears: the quantities that are changed, and its margins, which for LQR are those of its design."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents import robustness
+from bicycle_env import control
+from bicycle_env.control.design.margins import margins, state_feedback_loop
+from bicycle_env.control.policy import Policy
+
+ENV = gym.make("BicycleStab-v0").unwrapped
+LQR = control.make("lqr", ENV)
+
+
+class Turned(Policy):
+    """LQR with another sign."""
+
+    name = "turned"
+
+    def act(self, observation):
+        return -LQR.act(observation)
+
+
+class OneSided(Policy):
+    """Steers one way more than the other."""
+
+    name = "one-sided"
+
+    def act(self, observation):
+        return np.maximum(LQR.act(observation), np.float32(-0.1))
+
+
+def test_the_margins_of_lqr_are_those_of_its_design():
+    found = robustness.at_rest(ENV, LQR)
+    model = ENV.linear_model()
+    expected = margins(state_feedback_loop(model, LQR.gain))
+    assert found["stable"]
+    for axle, one in expected.items():
+        assert found["margins"][axle]["gain_decrease"] == pytest.approx(one.gain_decrease, rel=0.02, abs=1e-3)
+        assert found["margins"][axle]["gain_increase"] == pytest.approx(one.gain_increase, rel=0.02)
+        assert found["margins"][axle]["disk"] == pytest.approx(one.disk, rel=0.02)
+    poles = np.sort(np.abs(np.linalg.eigvals(model.A - model.B @ LQR.gain)))[::-1]
+    assert np.hypot(*np.array(found["eigenvalues"]).T)[:6] == pytest.approx(poles, rel=1e-3, abs=1e-3)
+    assert found["slowest_time_constant"] == pytest.approx(-model.timestep / math.log(poles[0]), rel=1e-2)
+
+
+def test_who_is_unstable_or_not_odd_is_named():
+    rest = robustness.at_rest(ENV, Turned())
+    assert not rest["stable"]
+    row = {"asymmetry": robustness.asymmetry(ENV, Turned()), "at_rest": rest}
+    (line,) = robustness.sentences("turned", row)
+    assert line.startswith("turned: UNSTABLE at straight running")
+    row = {"asymmetry": robustness.asymmetry(ENV, OneSided()), "at_rest": robustness.at_rest(ENV, OneSided())}
+    assert robustness.sentences("one-sided", row)[0].startswith("one-sided: not odd")
+    assert robustness.asymmetry(ENV, LQR) == 0.0
+
+
+def test_who_remembers_has_no_jacobian():
+    names = list(ENV.observation_names)
+    layers = [(np.zeros((2, 2 * len(names)), np.float32), np.zeros(2, np.float32))]
+    network = control.Network(layers, "tanh", "clip", {"observation_names": names, "history": 2})
+    assert robustness.at_rest(ENV, network) is None
+
+
+@pytest.mark.parametrize(
+    ("quantity", "value", "check"),
+    [
+        ("mass", 1.1, lambda env: env.vehicle.mass / ENV.vehicle.mass == pytest.approx(1.1)),
+        ("stiffness", 0.9, lambda env: env.vehicle.rear_cornering_stiffness < ENV.vehicle.rear_cornering_stiffness),
+        ("speed", 0.95, lambda env: env.speed == pytest.approx(0.95 * ENV.speed)),
+        ("friction", 0.7, lambda env: env.friction == pytest.approx(0.7 * ENV.friction)),
+    ],
+)
+def test_one_quantity_is_another_and_the_speed_stays(quantity, value, check):
+    env = gym.make("BicycleStab-v0", **robustness.changed(ENV, quantity, value)).unwrapped
+    assert check(env)
+    assert quantity == "speed" or env.speed == ENV.speed
+
+
+def test_what_the_environment_sets_itself_is_not_changed():
+    assert "noise" in robustness.points({})
+    assert "noise" not in robustness.points({"level": "hard"})
