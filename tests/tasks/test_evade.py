@@ -81,10 +81,10 @@ def test_what_is_drawn(plant):
     env.reset(seed=3)
     state = env.unwrapped.state
     for name, (low, high) in {
-        "relative_friction": (0.4, 1.0),
+        "relative_friction": (0.3, 1.0),
         "obstacle_time": (0.9, 1.6),
-        "obstacle_length": (0.5, 0.8),
-        "return_time": (1.2, 2.0),
+        "obstacle_length": (0.3, 0.6),
+        "return_time": (0.9, 1.6),
         "lateral_position": (-0.2, 0.2),
         "heading": (-0.01, 0.01),
         "lateral_velocity": (-0.005 * plant.speed, 0.005 * plant.speed),
