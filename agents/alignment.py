@@ -32,7 +32,7 @@ from agents.messages import UserError
 from agents.statistics import bootstrap, mean, share
 from agents.worsened import FAMILIES, POLICIES, ROUNDS, Bench, Variant, evenly, pool
 from bicycle_env import control, optimum, plots, provenance
-from bicycle_env.files import write_json
+from bicycle_env.files import anything, mapping, read_json, write_json
 from bicycle_env.plots.style import dress, line_style
 
 Array = NDArray[Any]
@@ -66,6 +66,8 @@ class Args:
     """Starts that a policy is judged by, the same for all."""
     seed: int = 1
     """Seed of the starts, the policies and the searches."""
+    older: bool = False
+    """With --env-id: what the file of --json holds of other ids stays in it, each saying its own revision."""
     json: Path | None = None
     """Write the figures to this file, and beside it a picture."""
 
@@ -166,6 +168,15 @@ def verdict(row: dict[str, Any]) -> str:
     return "no: " + ", ".join(failed) if failed else "yes"
 
 
+def kept(path: Path, args: Args, keywords: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The rows of a file, by id, each with its revision; UserError if they are of other starts, seeds or keywords."""
+    content: dict[str, Any] = read_json(path, mapping(anything))
+    for name, asked in {"starts": args.starts, "seed": args.seed, "env_keywords": keywords}.items():
+        if content.get(name) != asked:
+            raise UserError(f"--older: {path} is of {name} {content.get(name)}, not {asked}")
+    return {env_id: {"git": content["git"], **row} for env_id, row in content["environments"].items()}
+
+
 def study(env_id: str, keywords: dict[str, Any], args: Args) -> dict[str, Any]:
     """Everything about one environment."""
     begin = time.perf_counter()
@@ -251,8 +262,13 @@ def main() -> None:
     keywords = parse_keywords(args.env_keywords)
     if keywords and not args.env_id:
         raise UserError("--env-keywords needs --env-id: the ids do not share their keywords")
-    begin = time.perf_counter()
-    rows = {env_id: study(env_id, keywords, args) for env_id in ([args.env_id] if args.env_id else CONTROLLERS)}
+    if args.older and not (args.env_id and args.json):
+        raise UserError("--older needs --env-id and --json: the file whose other ids stay")
+    rows = kept(args.json, args, keywords) if args.older and args.json else {}
+    origin = provenance.collect()
+    for env_id in [args.env_id] if args.env_id else CONTROLLERS:
+        rows[env_id] = {"git": origin["git"], **study(env_id, keywords, args)}
+    rows = {env_id: rows[env_id] for env_id in CONTROLLERS if env_id in rows}
     console = console_for_tables()
     console.print(table(rows))
     if args.json is not None:
@@ -261,9 +277,10 @@ def main() -> None:
             {
                 "command": f"python -m agents.alignment --starts {args.starts} --seed {args.seed}"
                 + (f" --env-id {args.env_id}" if args.env_id else "")
-                + (f" --env-keywords '{args.env_keywords}'" if keywords else ""),
-                **provenance.collect(),
-                "seconds": round(time.perf_counter() - begin, 1),
+                + (f" --env-keywords '{args.env_keywords}'" if keywords else "")
+                + (" --older" if args.older else ""),
+                **origin,
+                "seconds": round(sum(row["seconds"] for row in rows.values()), 1),
                 "seed": args.seed,
                 "starts": args.starts,
                 "env_keywords": keywords,

@@ -99,7 +99,9 @@ def worker(name: str, extent: Extent, seed: int, search_seed: int, told: Any) ->
     def tell(what: str, done: float, total: float) -> None:
         told.put((name, what, done, total))
 
-    return headroom_setting.study(SETTINGS[name], extent, seed, search_seed, tell)
+    begin = time.process_time()  # of all threads; a setting starts no processes
+    part = headroom_setting.study(SETTINGS[name], extent, seed, search_seed, tell)
+    return {**part, "processor_seconds": round(time.process_time() - begin, 1)}
 
 
 def study(args: Args, names: list[str], origin: dict[str, Any], bar: Progress) -> dict[str, dict[str, Any]]:

@@ -52,3 +52,10 @@ def test_what_is_missing_is_seen(name, places):
         VALIDATOR.validate({name: without(CONTENTS[name], *places)})
     with pytest.raises(jsonschema.ValidationError):
         VALIDATOR.validate({"other.json": CONTENTS[name]})
+
+
+def test_a_time_below_zero_is_seen():
+    content = copy.deepcopy(CONTENTS["headroom.json"])
+    content["settings"]["BicycleEvade-v0 hard"]["processor_seconds"] = -1.0
+    with pytest.raises(jsonschema.ValidationError, match="minimum"):
+        VALIDATOR.validate({"headroom.json": content})

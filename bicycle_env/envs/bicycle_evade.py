@@ -19,8 +19,8 @@ class BicycleEvadeEnv(SingleTrackEnv):
     | from | until | free |
     |------|-------|------|
     | the start | the obstacle, 0.9 to 1.6 s | both lanes |
-    | there | its end, 0.5 to 0.8 s | the other lane |
-    | there | the last gate, 1.2 to 2 s | both lanes |
+    | there | its end, 0.3 to 0.6 s | the other lane |
+    | there | the last gate, 0.9 to 1.6 s | both lanes |
     | there | for ever | the own lane |
 
     The free corridor is judged at every control step at 5 points along each side of the body, each at its own place.
@@ -79,7 +79,7 @@ class BicycleEvadeEnv(SingleTrackEnv):
     ## Starting state
 
     Uniform and independent: lateral_position in +-0.2 m, heading in +-0.01 rad, sideslip in +-0.005 rad, yaw_rate in
-    +-0.03 rad/s, friction 0.4 to 1.0 of the nominal one, the gates as above; the other lane to the left or to the
+    +-0.03 rad/s, friction 0.3 to 1.0 of the nominal one, the gates as above; the other lane to the left or to the
     right with equal chance. The rest is 0.
 
     ## Episode end
@@ -104,10 +104,10 @@ class BicycleEvadeEnv(SingleTrackEnv):
     |---------|---------|---------|
     {keywords}
     | direction | `"random"` | where the other lane is: `"left"`, `"right"` or `"random"` |
-    | relative_friction | `(0.4, 1.0)` | range of the true friction, per the nominal one |
+    | relative_friction | `(0.3, 1.0)` | range of the true friction, per the nominal one |
     | obstacle_time | `(0.9, 1.6)` | range, s from the start to the obstacle |
-    | obstacle_length | `(0.5, 0.8)` | range, s along the obstacle |
-    | return_time | `(1.2, 2.0)` | range, s from the obstacle's end to the last gate |
+    | obstacle_length | `(0.3, 0.6)` | range, s along the obstacle |
+    | return_time | `(0.9, 1.6)` | range, s from the obstacle's end to the last gate |
 
     `reset(options={"state": {...}, "direction": "left", "relative_friction": 0.6, "obstacle_time": 1.2,
     "obstacle_length": 0.6, "return_time": 1.5})`: what is not given is drawn; of many cars, one value or one for each.

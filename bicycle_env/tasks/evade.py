@@ -151,10 +151,11 @@ class Evade(Task):
             "steer": "both",
             "relative_friction": (1.0, 1.0),
             "obstacle_time": (1.0, 1.6),
+            "obstacle_length": (0.5, 0.8),
             "return_time": (1.3, 2.0),
         },
         "medium": {},
-        "hard": {"relative_friction": (0.3, 1.0), "obstacle_length": (0.3, 0.6), "return_time": (0.9, 1.6)},
+        "hard": {"obstacle_time": (0.8, 1.5), "return_time": (0.7, 1.4)},
     }
     flipped = ("side",)
     hidden = ("relative_friction",)
@@ -162,10 +163,10 @@ class Evade(Task):
     options = {"direction": SIDES, **RANGES}  # noqa: RUF012 (a constant)
 
     direction: str = "random"
-    relative_friction: tuple[float, float] = (0.4, 1.0)
+    relative_friction: tuple[float, float] = (0.3, 1.0)
     obstacle_time: tuple[float, float] = (0.9, 1.6)
-    obstacle_length: tuple[float, float] = (0.5, 0.8)
-    return_time: tuple[float, float] = (1.2, 2.0)
+    obstacle_length: tuple[float, float] = (0.3, 0.6)
+    return_time: tuple[float, float] = (0.9, 1.6)
 
     def __post_init__(self) -> None:
         check_draws(self, RANGES)

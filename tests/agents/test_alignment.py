@@ -75,6 +75,7 @@ def test_every_registered_id_has_a_controller():
         (["--env-id", "BicycleStab-v1"], "--env-id must be one of BicycleStab-v0, "),
         (["--env-keywords", '{"steer": "rear"}'], "--env-keywords needs --env-id"),
         (["--env-id", "BicycleEvade-v0", "--env-keywords", '{"steer": "sideways"}'], "'sideways'"),
+        (["--older", "--env-id", "BicycleEvade-v0"], "--older needs --env-id and --json"),
     ],
 )
 def test_a_mistake_is_one_line(words, text, monkeypatch):
@@ -128,6 +129,25 @@ def test_a_tiny_study(tmp_path, monkeypatch, capsys):
     low, high = found["search"]["lost"]["range"]
     assert low <= found["search"]["lost"]["value"] <= high
     assert out.with_suffix(".png").stat().st_size > 10_000
+
+
+def test_rows_of_another_run_are_kept_if_they_are_of_the_same_starts(tmp_path, monkeypatch):
+    path, old = tmp_path / "alignment.json", json.loads((RESULTS / "alignment.json").read_text())
+    path.write_text(json.dumps({**old, "git": "f" * 40}))
+    one = {**old["environments"]["BicycleEvade-v0"], "seconds": 1e4}
+    monkeypatch.setattr(alignment, "study", lambda env_id, keywords, args: one)
+    words = ["alignment", "--older", "--env-id", "BicycleEvade-v0", "--json", str(path)]
+    monkeypatch.setattr("sys.argv", words)
+    alignment.main()
+    new = json.loads(path.read_text())
+    assert list(new["environments"]) == list(old["environments"])
+    for env_id, found in new["environments"].items():
+        before = {"git": "f" * 40, **old["environments"][env_id]}
+        assert found == (before if env_id != "BicycleEvade-v0" else one | {"git": found["git"]})
+    assert new["seconds"] == pytest.approx(sum(one["seconds"] for one in new["environments"].values()), abs=0.1)
+    monkeypatch.setattr("sys.argv", [*words, "--starts", "32"])
+    with pytest.raises(UserError, match=f"--older: {path} is of starts 2000, not 32"):
+        alignment.main()
 
 
 def test_the_committed_figures_are_of_every_id_and_say_what_made_them():

@@ -70,6 +70,7 @@ def test_the_command_writes_its_files_and_goes_on(tmp_path, monkeypatch, capsys)
     first = json.loads(out.read_text())
     assert set(first["settings"]) == {"BicycleLaneChange-v0 easy", "BicycleDoubleLaneChange-v0 easy"}
     assert first["command"] == "python -m agents.headroom --seed 1 --search-seed 0 --quick --only 'LaneChange-v0 easy'"
+    assert min(part["processor_seconds"] for part in first["settings"].values()) > 0.0
     assert out.with_suffix(".png").stat().st_size > 10_000
     assert "room:" in capsys.readouterr().out
     monkeypatch.setattr(headroom, "worker", None)  # nothing is left to do

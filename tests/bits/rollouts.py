@@ -205,7 +205,8 @@ def main():
     if different:
         sys.exit(f"not written: one car is not one of many in {', '.join(different)}")
     frozen = {name: next(iter(hashes.values())) for name, hashes in found.items()}
-    FILE.write_text(json.dumps(frozen, indent=1) + "\n", encoding="utf-8")
+    kept = json.loads(FILE.read_text(encoding="utf-8")) if "--only" in sys.argv else {}
+    FILE.write_text(json.dumps({**kept, **frozen}, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

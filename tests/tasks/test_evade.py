@@ -81,10 +81,10 @@ def test_what_is_drawn(plant):
     env.reset(seed=3)
     state = env.unwrapped.state
     for name, (low, high) in {
-        "relative_friction": (0.4, 1.0),
+        "relative_friction": (0.3, 1.0),
         "obstacle_time": (0.9, 1.6),
-        "obstacle_length": (0.5, 0.8),
-        "return_time": (1.2, 2.0),
+        "obstacle_length": (0.3, 0.6),
+        "return_time": (0.9, 1.6),
         "lateral_position": (-0.2, 0.2),
         "heading": (-0.01, 0.01),
         "lateral_velocity": (-0.005 * plant.speed, 0.005 * plant.speed),
@@ -279,7 +279,7 @@ def test_the_path_round_the_obstacle_passes_where_lqr_touches():
     found = {name: drive(control.make(name, plant), env, 700) for name in ("zero", "lqr", "evade-path")}
     assert [found[name][0].mean() for name in ("zero", "lqr")] == [0.0, 0.0]
     success, total = found["evade-path"]
-    assert success.mean() > 0.5  # a prototype of the issue: 0.545
+    assert success.mean() > 0.35
     assert total[success].min() > total[~success].max()
     assert total.mean() > 2.0 * found["lqr"][1].mean()
 
