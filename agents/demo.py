@@ -26,7 +26,7 @@ ENV_ID = "BicycleStab-v0"
 PICTURES = ("drive.png", "starts.png", "learning_curve.png", "top_view.png", "active_steer.gif")
 SHOWN = "BicycleActiveSteer-v0"
 """Of the moving picture: nobody at the rear wheels, the classical law, and the policy that comes with the package."""
-SHOWN_STARTS = 200
+SHOWN_STARTS = 2000
 MUST_LEAD = 0.5  # of the starts, over the uncontrolled car
 
 

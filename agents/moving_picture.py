@@ -2,8 +2,9 @@
 
     python -m agents.moving_picture --env-id BicycleActiveSteer-v0 --policy zero rear-switched pretrained --out run.gif
 
-Which start is shown is a rule, not a choice: the first of the reporting starts that the last policy saves and the one
-before it loses; if there is none, the first. The line below the picture says how often each of them saves its car.
+Which start is shown is a rule, not a choice: the first of the reporting starts that the last policy saves and on which
+the one before it ends early (spins, leaves the lane); without one, the first that it fails; without one, the first. The
+line below the picture says how often each of them saves its car.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ LABEL = 20
 """Rows of a policy's line."""
 LINGER = 1500
 """ms that the last frame stays."""
+SAVED = "saved"
 DARK, LIGHT, RED = (22, 23, 26), (235, 235, 235), (240, 120, 60)
 
 
@@ -56,7 +58,7 @@ class Args:
     """As for agents.evaluate; the last two decide which start is shown."""
     env_keywords: str = "{}"
     """Keywords of the environment as JSON."""
-    starts: int = 200
+    starts: int = 2000
     """Reporting starts that are driven to choose one, and of which the line below tells."""
     seed: int = 1
     """Seed of these starts."""
@@ -68,12 +70,16 @@ def chosen(driven: Sequence[Outcomes]) -> int:
     """Which start is shown, by its place."""
     if len(driven) < 2:
         return 0
-    found = np.flatnonzero(driven[-1].success & ~driven[-2].success)
-    return int(found[0]) if len(found) else 0
+    saved, before = driven[-1].success, driven[-2]
+    for lost in (~before.on_road, ~before.success):
+        found = np.flatnonzero(saved & lost)
+        if len(found):
+            return int(found[0])
+    return 0
 
 
 def frames_of(env: gym.Env, policy: Policy, seed: int) -> tuple[list[NDArray[np.uint8]], str]:
-    """Every so many steps the top view, and how the episode ended: the reason, "saved" or "failed"."""
+    """Every so many steps the top view, and how the episode ended: the reason, `SAVED`, or what was missed."""
     plant: Any = env.unwrapped
     observation, _ = env.reset(seed=seed)
     policy.reset()
@@ -84,7 +90,9 @@ def frames_of(env: gym.Env, policy: Policy, seed: int) -> tuple[list[NDArray[np.
         observation, _, terminated, truncated, _ = env.step(policy.act(observation))
         over, step = terminated or truncated, step + 1
     frames.append(np.asarray(env.render())[:TOP_VIEW])
-    words = plant.end.replace("_", " ") if terminated else "saved" if plant.is_success else "failed"
+    missed = [name.replace("_", " ") for name in plant.task.forfeits if getattr(plant.state, name) > 0.5]
+    failed = ", ".join(["failed", *missed])
+    words = plant.end.replace("_", " ") if terminated else SAVED if plant.is_success else failed
     return frames, words
 
 
@@ -101,7 +109,7 @@ def write(runs: Mapping[str, tuple[list[NDArray[np.uint8]], str]], caption: str,
         draw = ImageDraw.Draw(page)
         for row, (name, (frames, end)) in enumerate(runs.items()):
             top, over = row * (height + LABEL), k >= len(frames) - 1
-            draw.text((6, top + 2), f"{name}: {end}" if over else name, RED if over and end != "saved" else LIGHT, font)
+            draw.text((6, top + 2), f"{name}: {end}" if over else name, RED if over and end != SAVED else LIGHT, font)
             picture = Image.fromarray(frames[min(k, len(frames) - 1)])
             page.paste(picture.resize((width, height), Image.Resampling.LANCZOS), (0, top + LABEL))
         draw.text((6, len(runs) * (height + LABEL) + 2), caption, LIGHT, font)
