@@ -207,7 +207,7 @@ def train(args: Args, console: Console) -> Path:
                 search.state,
                 bool(np.all(np.isfinite(search.mean))),
             )
-        run.finish()
+        run.finish(console)
     return path
 
 

@@ -322,7 +322,7 @@ def train(args: Args, console: Console) -> Path:
                 lambda: state(learner, optimizer, cars),
                 learner.finite(),
             )
-        run.finish()
+        run.finish(console)
     return path
 
 

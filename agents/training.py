@@ -225,8 +225,8 @@ class Run:
         self.timesteps = self._saved_at = progress["timesteps"]
         self._curve, self._before = list(progress["curve"]), progress["seconds"]
 
-    def finish(self) -> None:
-        """Write the best policy, and that the run has finished."""
+    def finish(self, console: Console) -> None:
+        """Write the best policy, and that the run has finished; say where, and how good it is."""
         if self._policy is None:
             raise ValueError("a run must be assessed before it finishes")
         self._policy.save(self._folder.path)
@@ -234,6 +234,15 @@ class Run:
         success, mean_return, when = self._best
         best = {"timesteps": when, "success_rate": success, "episode_return": mean_return, "starts": SELECTED}
         self._folder.write_record({**self.record, "finished": True, **spent, "best": best})
+        plan = self._plan
+        console.print(
+            f"{plan.env_id}, seed {plan.seed}: {self.timesteps:,} steps in {self.seconds:.0f} s; the best policy, after "
+            f"{when:,} of them, saves {100.0 * success:.1f} % of the {SELECTED} starts that chose it\n"
+            f"policy and record of the run: {self._folder.path}\n"
+            f"evaluate it, with the keywords of its training: python -m agents.evaluate --env-id {plan.env_id} "
+            f"--policy {self._folder.path}",
+            soft_wrap=True,
+        )
 
 
 def _passed(before: int, now: int, total: int, points: int) -> bool:
