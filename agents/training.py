@@ -236,8 +236,8 @@ class Run:
         self._folder.write_record({**self.record, "finished": True, **spent, "best": best})
         plan = self._plan
         console.print(
-            f"{plan.env_id}, seed {plan.seed}: {self.timesteps:,} steps in {self.seconds:.0f} s; the best policy, after "
-            f"{when:,} of them, saves {100.0 * success:.1f} % of the {SELECTED} starts that chose it\n"
+            f"{plan.env_id}, seed {plan.seed}: {self.timesteps:,} steps in {self.seconds:.0f} s; the best policy, "
+            f"after {when:,} of them, saves {100.0 * success:.1f} % of the {SELECTED} starts that chose it\n"
             f"policy and record of the run: {self._folder.path}\n"
             f"evaluate it, with the keywords of its training: python -m agents.evaluate --env-id {plan.env_id} "
             f"--policy {self._folder.path}",
