@@ -45,7 +45,7 @@ def imitate(network: nn.Module, teacher: Policy, cars: Any, seeds: Sequence[int]
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
-    return float(loss)
+    return float(loss.detach())
 
 
 def _driven(

@@ -1,0 +1,68 @@
+"""The benchmark: what is in its plan, what it runs, and the figures of a cell."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents import benchmark
+from agents.messages import UserError
+
+RESULTS = Path(__file__).parents[2] / "results"
+
+
+@pytest.mark.parametrize("plan", benchmark.PLANS.values(), ids=list(benchmark.PLANS))
+def test_every_cell_stands_once_and_has_a_classical_controller(plan):
+    names = [cell.name for cell in plan]
+    assert len(names) == len(set(names))
+    for cell in plan:
+        assert cell.learner in benchmark.LEARNERS
+        assert benchmark.known_classical(cell)["parameters"]
+
+
+def test_only_and_seeds():
+    found = benchmark.chosen(benchmark.Args(only=("Stab-v0", "medium", "native"), seeds=3))
+    assert [(cell.name, cell.seeds) for cell in found] == [("BicycleStab-v0 medium native-ppo", 3)]
+    assert {cell.seeds for cell in benchmark.chosen(benchmark.Args(quick=True))} == {benchmark.QUICK_SEEDS}
+    with pytest.raises(UserError, match="--only Stabb: no cell has all of these words; the cells are\nBicycleStab"):
+        benchmark.chosen(benchmark.Args(only=("Stabb",)))
+
+
+def test_a_training_that_was_begun_goes_on(tmp_path):
+    cell = benchmark.Cell("BicycleStab-v0", "hard", "native-ppo", 1, "one observation", ("--history", "1"))
+    job = benchmark.Job(cell, 4, tmp_path)
+    words = job.command(quick=False)
+    assert words[1:3] == ["-m", "agents.ppo"]
+    assert words[words.index("--env-keywords") + 1] == '{"level": "hard"}'
+    assert words[-2:] == ["--history", "1"]
+    (tmp_path / "run.json").touch()
+    assert job.command(quick=False)[-1] == "--resume"
+    assert not job.done
+    quick = job.command(quick=True)
+    assert int(quick[quick.index("--total-timesteps") + 1]) < 1_000_000
+
+
+def test_the_interval_of_a_difference_counts_seeds_and_starts():
+    random = np.random.default_rng(1)
+    starts = (random.random(400) < 0.5).astype(float)
+    apart = starts[None] + np.linspace(-0.2, 0.2, 10)[:, None]
+    alike = np.tile(starts, (10, 1))
+    wide, narrow = (np.ptp(benchmark.stratified(one, 300)) for one in (apart, alike))
+    assert wide > 1.2 * narrow > 0.0
+
+
+@pytest.mark.parametrize("name", ["benchmark.json", "ablations.json"])
+def test_the_committed_cells_are_of_the_plan(name):
+    path = RESULTS / name
+    if not path.is_file():
+        pytest.skip("not made yet")
+    content = json.loads(path.read_text())
+    plan = {cell.name: cell for cell in benchmark.PLANS["table" if name == "benchmark.json" else "ablations"]}
+    for key, cell in content["cells"].items():
+        assert key in plan
+        rates = [one["success_rate"]["value"] for one in cell["trainings"]]
+        assert cell["over_seeds"]["success_rate"]["range"] == [min(rates), max(rates)]
+        assert [one["seed"] for one in cell["trainings"]] == list(range(len(rates)))
