@@ -216,15 +216,17 @@ def headroom() -> str:
             cells.append(optimum(part))
             lines.append(f"| `{part['env_id']}` {part['level']} | " + " | ".join(cells) + " |")
     counts = {row["starts"] for part in result["settings"].values() for row in part["drivers"].values()}
-    seconds = [row["seconds"] for part in result["settings"].values() for row in part["drivers"].values()]
-    measured = "".join(
-        f"{', ' if k else '; processor minutes: '}{part['env_id']} {part['level']} {part['processor_seconds'] / 60:.0f}"
-        for k, part in enumerate(one for one in result["settings"].values() if "processor_seconds" in one)
+    minutes = sum(row["seconds"] for part in result["settings"].values() for row in part["drivers"].values()) / 60
+    measured = ", ".join(
+        f"{part['processor_seconds'] / 60:.0f} of `{part['env_id']}` {part['level']}"
+        for part in result["settings"].values()
+        if "processor_seconds" in part
     )
     more = (
         f'{max(counts)} starts for the controllers, the first 200 of them for "best found", the first 64 for "without '
-        f'knowing"; the room is over the same starts. {sum(seconds) / 60:.0f} minutes in all, on a loaded machine, each '
-        f"setting at the revision that it says{measured}; `results/headroom.json`. In brackets: 95 % intervals."
+        f'knowing"; the room is over the same starts. {minutes:.0f} minutes in all, on a loaded machine, each setting '
+        f"at the revision that it says; processor minutes, where measured: {measured}; `results/headroom.json`. In "
+        "brackets: 95 % intervals."
     )
     return "\n".join([*lines, "", made(result, more)])
 
