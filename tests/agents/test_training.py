@@ -15,11 +15,11 @@ import pytest
 import torch
 from rich.console import Console
 from test_damaged_checkpoints import bad, cut, in_arrays, in_json, less
-from tiny_ppo import TINY, UPDATE, curve, start
+from tiny_ppo import MADE_BY, TINY, UPDATE, curve, start
 
 from agents import ppo, run_folder, stopping, train, training
 from agents.messages import UserError
-from bicycle_env import control, provenance
+from bicycle_env import control
 from bicycle_env.files import read_arrays
 
 
@@ -131,13 +131,10 @@ def test_a_folder_killed_before_its_first_checkpoint_starts_from_the_beginning(s
         ("git", "0123", "the revision was 0123"),
     ],
 )
-def test_other_versions_and_machines_are_said(tmp_path, monkeypatch, key, value, words):
-    made_by, said = provenance.collect(), io.StringIO()
-    merged = {**made_by["versions"], **value} if key == "versions" else value
-    with monkeypatch.context() as patch:
-        patch.setattr(provenance, "collect", lambda: {**made_by, key: merged})
-        with pytest.raises(stopping.Stopped):
-            start(tmp_path / "run", stop_at=0)
+def test_other_versions_and_machines_are_said(tmp_path, key, value, words):
+    merged, said = {**MADE_BY["versions"], **value} if key == "versions" else value, io.StringIO()
+    with pytest.raises(stopping.Stopped):
+        start(tmp_path / "run", stop_at=0, made_by={**MADE_BY, key: merged})
     with pytest.raises(stopping.Stopped):
         start(tmp_path / "run", stop_at=0, resume=True, console=Console(file=said, width=1000))
     (entry,) = record(tmp_path / "run")["resumed"]

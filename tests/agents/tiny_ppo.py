@@ -10,17 +10,20 @@ import pytest
 from rich.console import Console
 
 from agents import ppo, training
+from bicycle_env import provenance
 
 TINY = ppo.Args(
     seed=3, quiet=True, total_timesteps=5120, cars=16, decisions=8, hold=2, history=2, epochs=2, minibatch=64, width=8
 )  # 20 updates of 256 control steps, each with a point of the curve
 UPDATE = 256
+MADE_BY = provenance.collect()  # once: somebody may commit while tests run
 
 
-def start(folder, stop_at=None, number=signal.SIGTERM, spoil=None, console=None, **changes):
+def start(folder, stop_at=None, number=signal.SIGTERM, spoil=None, console=None, made_by=MADE_BY, **changes):
     """Train; a signal comes in the update that begins at `stop_at` steps; `spoil(learner, k)` after update k."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "SELECTED", 16)
+        patch.setattr(provenance, "collect", lambda: made_by)
         patch.setattr(os, "fsync", lambda _: None)  # dozens of them take long on a busy disk
         drive, learn, count = ppo.drive, ppo.learn, [0, 0]
 
