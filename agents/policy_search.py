@@ -25,7 +25,7 @@ from rich.console import Console
 import bicycle_env  # noqa: F401  (registers the environments)
 from agents import generators, messages, settings, state_arrays, stopping, training
 from agents.episodes import start_seeds
-from agents.evaluate import environment, parse_keywords
+from agents.evaluate import make_env, parse_keywords
 from bicycle_env import optimum
 from bicycle_env.backends import announcements
 
@@ -161,8 +161,8 @@ class Search:
         """All that the next iteration depends on."""
         return {
             "mean": self.mean.copy(),
-            "moment": self.moment.astype(np.float64),
-            "square": self.square.astype(np.float64),
+            "moment": self.moment.copy(),
+            "square": self.square.copy(),
             "iterations": np.array([self.iterations], np.int64),
             "random": generators.rows([self.random.bit_generator.state]),
         }
@@ -171,8 +171,8 @@ class Search:
         """Put back what :meth:`state` gave; UserError for what it cannot have given."""
         try:
             self.mean = arrays.take("mean", np.float32, len(self.mean))
-            self.moment = arrays.take("moment", np.float64, len(self.mean))
-            self.square = arrays.take("square", np.float64, len(self.mean))
+            self.moment = arrays.take("moment", np.float32, len(self.mean))
+            self.square = arrays.take("square", np.float32, len(self.mean))
             (self.iterations,) = arrays.take("iterations", np.int64, 1).tolist()
             (self.random.bit_generator.state,) = generators.from_rows(arrays.take("random", np.uint64, 1, 6))
             arrays.end()
@@ -183,9 +183,10 @@ class Search:
 def train(args: Args, console: Console) -> Path:
     """Search as the arguments say; gives the run's folder."""
     keywords = parse_keywords(args.env_keywords)
-    environment(args.env_id)
-    path = args.out or Path("runs") / f"{args.env_id}-{ALGORITHM}-{args.seed}"
     chosen = settings.own(args, ALGORITHM)
+    path = args.out or Path("runs") / f"{args.env_id}-{ALGORITHM}-{args.seed}"
+    messages.check_folder("--out", path)
+    make_env(args.env_id, keywords).close()  # mistakes in the keywords are found here
     cars, assessed = optimum.Cars(args.env_id, keywords), optimum.Cars(args.env_id, keywords)
     networks = Networks(args, cars.plant)
     search = Search(args, networks)

@@ -184,7 +184,9 @@ def rows(env_id: str, level: str, out: Path) -> list[dict[str, Any]]:
 
     def row(name: str, kind: str, figures: dict[str, Any]) -> dict[str, Any]:
         shared = {key: figures[key] for key in ("starts", "success_rate", "episode_return")}
-        score = None if known is None else known.score(figures["success_rate"]["value"])
+        # The reference is the scale's other end; its own success is one of fewer starts.
+        rate = figures["success_rate"]["value"] if kind != "reference" or known is None else known.reference_success
+        score = None if known is None else known.score(rate)
         return {"name": name, "kind": kind, **shared, "score": score}
 
     found = []
