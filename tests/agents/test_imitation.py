@@ -13,6 +13,7 @@ from bicycle_env import control, optimum
 ARGS = ppo.Args(cars=16, quiet=True)
 
 
+@pytest.mark.exhaustive
 def test_a_network_learns_what_a_controller_does(monkeypatch):
     monkeypatch.setattr(imitation, "GRADIENT_STEPS", 150)
     torch.manual_seed(0)

@@ -27,6 +27,7 @@ def test_the_start_is_a_rule(before, last, place):
     assert moving_picture.chosen([before, last]) == place
 
 
+@pytest.mark.exhaustive
 def test_the_picture_moves_and_says_how_it_ended(tmp_path):
     image = pytest.importorskip("PIL.Image")
     plant = Cars("BicycleStab-v0", {}).plant

@@ -65,6 +65,7 @@ def test_the_mean_moves_towards_what_does_better():
     assert float(np.mean(np.abs(search.mean - aim))) < 0.7 * begin
 
 
+@pytest.mark.exhaustive
 def test_a_stopped_search_gives_the_bits_of_a_straight_one(tmp_path):
     straight = start(tmp_path / "straight")
     with pytest.raises(stopping.Stopped, match="stopped at"):

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from combinations import only_all, some_of
 from rich.console import Console
 from test_damaged_checkpoints import bad, cut, in_arrays, in_json, less
 from tiny_ppo import MADE_BY, TINY, UPDATE, curve, start
@@ -52,7 +53,7 @@ def straight(tmp_path_factory):
 
 
 # Long before the first point of a longer run's curve; in the middle; in the last update but one.
-@pytest.mark.parametrize("stop_at", [0, 10 * UPDATE, 18 * UPDATE])
+@pytest.mark.parametrize("stop_at", [only_all(0), 10 * UPDATE, only_all(18 * UPDATE)])
 def test_a_stopped_run_gives_the_bits_of_a_straight_one(straight, tmp_path, stop_at):
     folder = tmp_path / "run"
     with pytest.raises(
@@ -77,6 +78,7 @@ def test_a_run_stopped_before_anything_was_assessed(tmp_path):
     assert [entry["exact"] for entry in record(tmp_path / "run")["resumed"]] == [True]
 
 
+@pytest.mark.exhaustive
 def test_a_kill_and_two_stops(straight, tmp_path, monkeypatch):
     class KilledError(BaseException):
         pass
@@ -99,6 +101,7 @@ def test_a_kill_and_two_stops(straight, tmp_path, monkeypatch):
     assert [entry["at"] for entry in record(folder)["resumed"]] == [6 * UPDATE, 7 * UPDATE, 8 * UPDATE]
 
 
+@pytest.mark.exhaustive
 def test_a_kill_between_the_last_checkpoint_and_the_policy(straight, tmp_path, monkeypatch):
     class KilledError(BaseException):
         pass
@@ -249,7 +252,10 @@ def stopped(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", DAMAGES)
+SOME = ["another kind", "progress cut", "arrays cut", "weights NaN", "seen cut", "best missing", "another algorithm"]
+
+
+@pytest.mark.parametrize("name", some_of(DAMAGES, SOME))
 def test_damage_is_one_line(stopped, tmp_path, name):
     shutil.copytree(stopped, tmp_path / "run")
     DAMAGES[name](tmp_path / "run")
