@@ -13,7 +13,7 @@ GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 .PHONY: help demo test test-all lint lock stab lane-change controllers headroom entry-speed alignment learning tensors results benchmark benchmark-vector compat gymnasium-versions clean
 
 help:
-	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/*.png"
+	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/ (pictures, one moving)"
 	@echo "make test                install what the tests need and run them: every rule and every option"
 	@echo "make test-all            the combinations of options that make test leaves out"
 	@echo "make lint                ruff and mypy"

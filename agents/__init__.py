@@ -1,4 +1,4 @@
-"""Scripts that a user runs from a checkout: train, evaluate, benchmark, tune, headroom, demo."""
+"""Scripts that a user runs from a checkout: train, ppo, policy_search, evaluate, benchmark, tune, headroom, demo."""
 
 import os
 from importlib.util import find_spec

@@ -1,4 +1,6 @@
-"""The demo: train a stabilising policy, compare it with LQR and the uncontrolled car, draw pictures, moving ones too.
+"""The demo: train a stabilising policy, compare it with LQR and the uncontrolled car, draw pictures.
+
+The moving picture is of another id, BicycleActiveSteer-v0, with the policy that ships.
 
     python -m agents.demo          # what `make demo` runs after it has installed everything
 

@@ -4,7 +4,7 @@
 
 Which start is shown is a rule, not a choice: the first of the reporting starts that the last policy saves and on which
 the one before it ends early (spins, leaves the lane); without one, the first that it fails; without one, the first. The
-line below the picture says how often each of them saves its car.
+line above each car says how many of these starts its driver saves.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Args:
     env_keywords: str = "{}"
     """Keywords of the environment as JSON."""
     starts: int = 2000
-    """Reporting starts that are driven to choose one, and of which the line below tells."""
+    """Reporting starts that are driven to choose one, and of which the lines tell."""
     seed: int = 1
     """Seed of these starts."""
     out: Path = Path("runs/moving_picture.gif")
@@ -123,16 +123,20 @@ def write(runs: Mapping[str, tuple[list[NDArray[np.uint8]], str]], caption: str,
 def show(
     env_id: str, keywords: Mapping[str, Any], policies: Mapping[str, Policy], starts: Sequence[int], path: Path
 ) -> str:
-    """Write the picture of policies, by the names that stand above them; gives the line below it."""
+    """Write the picture of policies, by the names that stand above them; gives what is written there."""
     cars = optimum.Cars(env_id, keywords)
     driven = [optimum.drive(cars.of(len(starts)), optimum.by(policy), list(starts)) for policy in policies.values()]
     place = chosen(driven)
-    shares = ", ".join(f"{name} {100.0 * one.success.mean():.0f} %" for name, one in zip(policies, driven, strict=True))
-    caption = f"start {place + 1} of {len(starts)}; of all of them saved: {shares}"
+    count = len(starts)
+    headings = [
+        f"{name} - saves {100.0 * one.success.mean():.0f} % of {count}"
+        for name, one in zip(policies, driven, strict=True)
+    ]
     env = gym.make(env_id, render_mode="rgb_array", **keywords)
-    write({name: frames_of(env, policy, starts[place]) for name, policy in policies.items()}, caption, path)
+    runs = [frames_of(env, policy, starts[place]) for policy in policies.values()]
+    write(dict(zip(headings, runs, strict=True)), f"the same start for all, the {place + 1}th of {count}", path)
     env.close()
-    return caption
+    return "\n".join([f"start {place + 1} of {count}", *headings])
 
 
 def main() -> None:

@@ -4,7 +4,7 @@
 
 Hundreds of cars are driven at once by the native vector environment, in one thread. What is particular here:
 
-- A time-out is no end: the value of what is observed there stands for what would come.
+- A time-out is no end: the value of what is observed there stands for what would come (unless a bonus is paid for it).
 - An action may be held for several control steps. At 50 Hz a road wheel, which turns at a limited rate, averages the
   noise of an action away, so that nothing is tried out.
 - The policy may see what it saw at its last decisions; the critic also sees what is hidden.
@@ -62,7 +62,7 @@ class Args:
     """No progress, and no word about what compiles."""
 
     total_timesteps: int = 3_000_000
-    """Control steps of all cars together."""
+    """Control steps of all cars together, resets counted."""
     cars: int = 512
     """Driven at once."""
     decisions: int = 32
@@ -78,7 +78,8 @@ class Args:
     learning_rate: float = 1e-3
     """Of Adam, at first; it falls to 0."""
     gamma: tuple[float, float] = (0.98, 0.995)
-    """What the reward one decision later is worth: at first, and at the end."""
+    """What the reward one decision later is worth: at first, and at the end, when the critic can see further. Within a
+    decision nothing is discounted, so that a held action looks further in seconds."""
     gae_lambda: float = 0.95
     """Of generalised advantage estimation (arXiv:1506.02438)."""
     clip: float = 0.2
@@ -126,6 +127,8 @@ class Mirrored(nn.Module):
 def advantages(rewards: Any, values: Any, terminated: Any, over: Any, gamma: float, gae_lambda: float) -> Any:
     """Generalised advantage estimation, (decisions, cars).
 
+    A_t = d_t + gamma lambda A_{t+1} with d_t = r_t + gamma V_{t+1} - V_t.
+
     Args:
         rewards, terminated: (decisions, cars), of each decision.
         values: (decisions + 1, cars), of what is observed before each decision and after the last one. After an end it
@@ -167,7 +170,10 @@ class Cars:
         self.seen = np.zeros((args.cars, len(self.mirror)), np.float32)
 
     def begin(self, seed: int, episode: int) -> None:
-        """Start the cars, group by group in the course of an episode: at all times some are everywhere in it."""
+        """Start the cars in sixteen groups, with a sixteenth of an episode of straight steering from one to the next.
+
+        So an update does not see all cars at the same moment of the episode.
+        """
         groups, axles = min(16, self._args.cars), np.zeros((self._args.cars, self.axles), np.float32)
         self.env.reset(seed=seed)
         for group in range(groups):
@@ -179,6 +185,9 @@ class Cars:
 
     def step(self, actions: Any) -> tuple[Any, Any]:
         """Rewards and who has terminated, (cars,) each."""
+        # Gymnasium's NextStep: a car whose episode has ended is reset by its next step, which ignores the action. Cars that
+        # have forfeited would drive on: reset here, they make one step with an action for the old episode. Neither row is
+        # learned from (`ready` in drive). The action is clipped for the car alone: the policy is that of the unclipped one.
         if np.any(self.forfeited):
             self.env.reset(options={"reset_mask": self.forfeited})
         observation, rewards, terminated, truncated, _ = self.env.step(np.clip(actions, -1.0, 1.0))
@@ -188,6 +197,7 @@ class Cars:
         if self._forfeits:
             state = self.env.state
             lost = np.any([getattr(state, name) > 0.5 for name in self._forfeits], axis=0)
+            # Worth nothing from here on, and no penalty: to pass one criterion more is then always better.
             self.forfeited = lost & ~(terminated | truncated)
             terminated = terminated | self.forfeited
         earlier = np.hstack((observation, self.seen[:, : -self.entries]))
@@ -217,7 +227,8 @@ class Learner(nn.Module):
         self.policy = Mirrored([entries, args.width, args.width, cars.axles], 0.01, mirror, -1.0)
         self.critic = Mirrored([entries + names, args.width, args.width, 1], 1.0, both, 1.0)
         self.log_deviation = nn.Parameter(torch.full((cars.axles,), math.log(args.deviation)))
-        self.register_buffer("scale", torch.zeros(names))  # of what is hidden; set at the first update
+        # Of what is hidden, in SI; set by the first update and kept. What is observed is scaled by the environment.
+        self.register_buffer("scale", torch.zeros(names))
 
     def actions(self, seen: Tensor) -> Normal:
         return Normal(self.policy(seen), self.log_deviation.exp(), validate_args=False)
@@ -260,9 +271,9 @@ def drive(args: Args, learner: Learner, cars: Cars, gamma: float) -> dict[str, T
         "seen": torch.stack(seen[:-1])[chosen],
         "hidden": torch.stack(hidden[:-1])[chosen],
         "action": torch.stack(actions)[chosen],
-        "chance": torch.stack(chances)[chosen],
+        "log_chance": torch.stack(chances)[chosen],
         "advantage": gained[chosen],
-        "value": (gained + torch.from_numpy(values[:-1]))[chosen],
+        "target": (gained + torch.from_numpy(values[:-1]))[chosen],
     }
 
 
@@ -270,16 +281,17 @@ def learn(
     args: Args, learner: Learner, optimizer: torch.optim.Optimizer, driven: dict[str, Tensor], critic_alone: bool
 ) -> None:
     """Some passes over what was driven."""
-    gained = driven["advantage"]
+    gained = driven["advantage"]  # of the whole batch: mean 0, deviation 1
     driven["advantage"] = (gained - gained.mean()) / (gained.std() + 1e-8)
     for _ in range(args.epochs):
         for rows in torch.randperm(len(gained)).tensor_split(max(1, len(gained) // args.minibatch)):
             some = {name: values[rows] for name, values in driven.items()}
             tried = learner.actions(some["seen"])
-            ratio = (tried.log_prob(some["action"]).sum(1) - some["chance"]).exp()
+            # How much likelier the action is now; the clipped surrogate; the critic's squared error, half of it as usual.
+            ratio = (tried.log_prob(some["action"]).sum(1) - some["log_chance"]).exp()
             near = ratio.clamp(1.0 - args.clip, 1.0 + args.clip)
             better = torch.minimum(ratio * some["advantage"], near * some["advantage"]).mean()
-            missed = (learner.worth(some["seen"], some["hidden"]) - some["value"]).square().mean()
+            missed = (learner.worth(some["seen"], some["hidden"]) - some["target"]).square().mean()
             loss = 0.5 * missed
             if not critic_alone:
                 loss = loss - better - args.entropy * tried.entropy().sum(1).mean()

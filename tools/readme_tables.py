@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import statistics
 import sys
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from bicycle_env.registration import ENVIRONMENTS
 
 ROOT = Path(__file__).parent.parent
 PAGES = (
-    *("README.md", "docs/performance.md", "docs/levels.md", "docs/headroom.md", "docs/benchmark.md"),
+    *("README.md", "docs/performance.md", "docs/levels.md", "docs/headroom.md", "docs/reward.md"),
     *("docs/learning.md", "docs/results.md"),
 )
 DEGREES = 57.29577951308232
@@ -45,7 +46,7 @@ def made(result: dict[str, Any], more: str) -> str:
 
 def demo() -> str:
     result = read("demo.json")
-    names = {"zero": "uncontrolled", "lqr": "LQR", "learned": "PPO, one seed"}
+    names = {"zero": "uncontrolled", "lqr": "LQR", "learned": "PPO (`agents.ppo`), one seed"}
     lines = [
         "| 200 starts, the same | success [%] | on the road [%] | mean return (of 400) | peak sideslip [deg] "
         "| steering effort [deg] |",
@@ -71,7 +72,7 @@ def learning(file: str, columns: list[tuple[str, str, float, str]]) -> str:
     rows = {
         "uncontrolled": result["controllers"]["zero"],
         "LQR" + (" with preview" if "LaneChange" in file else ""): result["controllers"]["lqr"],
-        f"{result['algo'].upper()}, {count} seeds": result["over_seeds"],
+        f"{result['algo'].upper()} (Stable-Baselines3), {count} seeds": result["over_seeds"],
     }
     lines = [
         "| 200 starts, the same for all | " + " | ".join(heading for _, heading, _, _ in columns) + " |",
@@ -327,23 +328,23 @@ def benchmark() -> str:
     """Every learner on every id and level that was trained; the rows where learning loses stand first."""
     result = read("benchmark.json")
     heads = ["learner", "seeds", "success [%]", "of the seeds", "best classical, tuned", "better by [points]"]
-    heads += ["return", "seconds"]
+    heads += ["return", "million steps", "seconds"]
     lines = ["| id and level | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
     cells = result["cells"].values()
     for part in sorted(cells, key=lambda one: one["better_than_classical"]["interval"][1] >= 0.0):
         low, high = (100 * end for end in part["over_seeds"]["success_rate"]["range"])
         classical = part["classical"]
-        seconds = sorted(one["seconds"] for one in part["trainings"])
+        seconds = [one["seconds"] for one in part["trainings"]]
+        steps = part["trainings"][0]["timesteps"] / 1e6
         row = [LEARNERS[part["learner"]], str(len(part["trainings"])), cell(part["over_seeds"], "success_rate", 100)]
         row += [f"{low:.1f} to {high:.1f}", f"{percent(classical)} `{classical['controller']}`"]
         row += [cell(part, "better_than_classical", 100), cell(part["over_seeds"], "episode_return")]
-        lines.append(
-            f"| `{part['env_id']}` {part['level']} | " + " | ".join([*row, f"{seconds[len(seconds) // 2]:.0f}"]) + " |"
-        )
+        row += [f"{steps:.0f}", f"{statistics.median(seconds):.0f}, {min(seconds):.0f} to {max(seconds):.0f}"]
+        lines.append(f"| `{part['env_id']}` {part['level']} | " + " | ".join(row) + " |")
     more = (
         f"{result['starts']} starts from seed {result['seed']}, the same for all; interquartile means over seeds, in "
         "brackets 95 % intervals; seconds of one training on one core of a machine that did other work, too, the "
-        "median; `results/benchmark.json`."
+        "median and the range; `results/benchmark.json`."
     )
     return "\n".join([*lines, "", made(result, more)])
 
@@ -363,8 +364,9 @@ def summary() -> str:
             lines.append(f"| `{part['env_id']}` {part['level']} | " + " | ".join(row) + " |")
     more = (
         "`python -m agents.headroom` and `python -m agents.benchmark`: 2000 starts, the same for all, of the searches "
-        "200 or 64; in brackets 95 % intervals, of PPO over seeds; dates, machines and revisions in "
-        "`results/headroom.json` and `results/benchmark.json`."
+        "200 or 64. In brackets 95 % intervals: of PPO, an interquartile mean, over seeds on these same starts, of all "
+        "others over starts, so not to be compared with each other; the paired difference is in docs/learning.md. "
+        "Dates, machines and revisions: `results/headroom.json`, `results/benchmark.json`."
     )
     return "\n".join([*lines, "", more])
 
@@ -376,14 +378,15 @@ def fast() -> str:
     tanh = rows["tanh / envpool Pendulum-v1, N = 1024"]
     alone, cart = (one["steps_per_second"][name] for name in ("BicycleStab-v0", "CartPole-v1"))
     stab = learned["BicycleStab-v0 medium native-ppo"]["trainings"]
-    seconds = sorted(training["seconds"] for training in stab)[len(stab) // 2]
+    seconds = statistics.median(training["seconds"] for training in stab)
     lines = [
         "| | |",
         "|---|---|",
         f"| one car through `gym.make`, steps per second | {alone:,}, {alone / cart:.1f} times CartPole-v1 |",
         "| 1024 cars on one core, tires that saturate, steps per second "
         f"| {tanh['ours']:,}, {tanh['ratio']:.1f} times envpool's Pendulum |",
-        f"| PPO to the optimum of `BicycleStab-v0`, one core | {seconds:.0f} s for {stab[0]['timesteps']:,} steps |",
+        "| PPO on `BicycleStab-v0`, one core, to within a point of LQR "
+        f"| {seconds:.0f} s for {stab[0]['timesteps']:,} steps |",
     ]
     return "\n".join([*lines, "", f"`make benchmark benchmark-vector learning`, {one['date']}, {one['machine']}."])
 

@@ -34,7 +34,7 @@ def test_the_picture_moves_and_says_how_it_ended(tmp_path):
     policies = {"nobody": control.make("zero", plant), "LQR": control.make("lqr", plant)}
     caption = moving_picture.show("BicycleStab-v0", {}, policies, [3, 4, 5], tmp_path / "run.gif")
     assert caption.startswith("start ")
-    assert "nobody 0 %" in caption
+    assert "nobody - saves 0 % of 3" in caption
     with image.open(tmp_path / "run.gif") as picture:
         assert picture.n_frames > 50
         first = np.asarray(picture.convert("RGB"))

@@ -89,7 +89,7 @@ def test_a_time_out_is_worth_what_would_come_and_an_end_nothing(monkeypatch):
             row = place[t, car]
             assert torch.equal(driven["seen"][row], seen[car])
             expected = TINY.reward_scale * rewards[car] + (0.0 if terminated[car] else 0.9 * coming[car])
-            np.testing.assert_allclose(driven["value"][row], expected, rtol=1e-4, atol=1e-5)
+            np.testing.assert_allclose(driven["target"][row], expected, rtol=1e-4, atol=1e-5)
             np.testing.assert_allclose(driven["advantage"][row], expected - value[car], rtol=1e-4, atol=1e-4)
             ends[bool(terminated[car])] += 1
     assert min(ends.values()) > 5, ends

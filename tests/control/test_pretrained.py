@@ -55,7 +55,7 @@ def test_many_cars_have_it_too():
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        (("BicycleStap-v0",), "env_id with a policy must be one of 'BicycleStab-v0'.*did you mean 'BicycleStab-v0'"),
+        (("BicycleStap-v0",), "env_id with a policy must be one of .*'BicycleStab-v0'.*did you mean 'BicycleStab-v0'"),
         ((STAB, "mediun"), "level of BicycleStab-v0 with a policy must be one of .*'medium'.*did you mean 'medium'"),
         ((STAB, "none"), "must be one of .*'medium', got 'none'"),
         ((STAB, ""), "must be one of .*'medium', got ''"),
