@@ -185,9 +185,9 @@ class Cars:
 
     def step(self, actions: Any) -> tuple[Any, Any]:
         """Rewards and who has terminated, (cars,) each."""
-        # Gymnasium's NextStep: a car whose episode has ended is reset by its next step, which ignores the action. Cars that
-        # have forfeited would drive on: reset here, they make one step with an action for the old episode. Neither row is
-        # learned from (`ready` in drive). The action is clipped for the car alone: the policy is that of the unclipped one.
+        # Gymnasium's NextStep: a car whose episode has ended is reset by its next step, which ignores the action. Cars
+        # that have forfeited would drive on: reset here, they make one step with an action for the old episode. Neither
+        # row is learned from (`ready` in drive). Clipped for the car alone: the policy is that of the unclipped action.
         if np.any(self.forfeited):
             self.env.reset(options={"reset_mask": self.forfeited})
         observation, rewards, terminated, truncated, _ = self.env.step(np.clip(actions, -1.0, 1.0))
@@ -287,7 +287,7 @@ def learn(
         for rows in torch.randperm(len(gained)).tensor_split(max(1, len(gained) // args.minibatch)):
             some = {name: values[rows] for name, values in driven.items()}
             tried = learner.actions(some["seen"])
-            # How much likelier the action is now; the clipped surrogate; the critic's squared error, half of it as usual.
+            # How much likelier the action is now; the clipped surrogate; half of the critic's squared error, as usual.
             ratio = (tried.log_prob(some["action"]).sum(1) - some["log_chance"]).exp()
             near = ratio.clamp(1.0 - args.clip, 1.0 + args.clip)
             better = torch.minimum(ratio * some["advantage"], near * some["advantage"]).mean()
