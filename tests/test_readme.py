@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from combinations import only_all
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -38,10 +39,14 @@ def test_links_and_pictures_exist(page):
         assert (page.parent / link).is_file(), link
 
 
-RUN = TEXT + "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("use.md", "leaderboard.md"))
+def blocks(text):
+    return re.findall(r"```python\n(.*?)```", text, re.DOTALL)
 
 
-@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", RUN, re.DOTALL))
+FURTHER = [(ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("use.md", "leaderboard.md")]
+
+
+@pytest.mark.parametrize("block", [*blocks(TEXT), *(only_all(block) for text in FURTHER for block in blocks(text))])
 def test_code_runs(block):
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", block], cwd=ROOT, capture_output=True, text=True, check=False
