@@ -44,6 +44,7 @@ def test_the_shares_are_those_of_single_environments():
             assert share == np.mean([drive(env, policy, seed).success for seed in seeds])
 
 
+@pytest.mark.exhaustive
 def test_a_small_study(tmp_path, monkeypatch, capsys):
     out = tmp_path / "entry.json"
     words = ["--course", "iso3888-2", "--steer", "front", "both", "--policy", "lqr", "preview-tuned", "--starts", "2"]

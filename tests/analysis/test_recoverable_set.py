@@ -56,6 +56,7 @@ def test_refinement_converges(plane):
     assert abs(shares[0] - fine) < 0.02
 
 
+@pytest.mark.exhaustive
 def test_linear_feedback_saves_nothing_outside(plane):
     for gain in (lqr_gain(), 3.0 * lqr_gain(sideslip=0.02)):
         saved = plane.saved_by(gain)

@@ -4,7 +4,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from combinations import only_all
 
 from bicycle_env import control
 from bicycle_env.envs import TorchVectorEnv
@@ -20,7 +19,8 @@ def actions(steps=60):
     return np.clip(np.cumsum(rng.uniform(-0.3, 0.3, (steps, CARS, 2)), axis=0), -1.0, 1.0).astype(np.float32)
 
 
-@pytest.mark.parametrize("env_id", [STAB, only_all(LANE)])
+@pytest.mark.exhaustive  # test_sensors.py has one with a relaxation length, too
+@pytest.mark.parametrize("env_id", [STAB, LANE])
 @pytest.mark.parametrize("options", [None, {"state": {"lateral_velocity": 2.0, "yaw_rate": 0.2, OWN[1]: 0.01}}])
 def test_one_car_is_one_of_many_and_of_tensors(env_id, options):
     given = {"relaxation_length": LENGTHS, "autoreset_mode": "Disabled", "telemetry": True}

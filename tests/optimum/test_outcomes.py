@@ -80,6 +80,7 @@ def test_no_first_observation_tells_what_is_hidden(env_id, keywords):
         cars.mixed(mine, other, ["relative_frictoin"])
 
 
+@pytest.mark.exhaustive
 def test_sensors_hide_the_key_of_their_noise():
     task = gym.make("BicycleStab-v0", sensors={"noise": {"yaw_rate": 0.01}}, driver="step").unwrapped.task
     assert task.hidden == ("driver_side", *(f"noise_key_{k}" for k in range(4)))

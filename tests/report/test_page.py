@@ -121,6 +121,7 @@ def test_the_words_fit_the_car(written):
         assert "a deviation doubles in" in words
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", some_of(vehicles, ["oversteer", "neutral", "civic"]))
 def test_every_preset_has_words_for_every_picture(name):
     study = report.study(name, grid=COARSE)

@@ -127,6 +127,7 @@ def test_a_seeded_start_is_the_same_with_all_of_it(env_id):
         assert altered.state[: len(plain.state)] == plain.state
 
 
+@pytest.mark.exhaustive
 def test_scales_and_controllers_stay_nominal():
     plain, altered = make(), make(**EVERYTHING)
     assert (altered.speed, altered.friction, altered.vehicle) == (plain.speed, plain.friction, plain.vehicle)

@@ -139,6 +139,7 @@ def test_what_a_car_measures_is_the_same_for_one_car_many_and_tensors(env_id, la
         over |= terminated | truncated
 
 
+@pytest.mark.exhaustive
 def test_an_accelerometer_feels_the_mean_of_the_step_gusts_included():
     gust = {"name": "gust", "force": 1500.0, "start": 0.1, "duration": 0.2, "side": "left"}
     given = {**QUICK, "control_timestep": 0.004, "physics_timestep": 0.001, "disturbances": [gust], "telemetry": True}
