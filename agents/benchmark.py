@@ -12,6 +12,7 @@ Written: runs/benchmark.json and, beside it, learning curves against steps and s
 
 from __future__ import annotations
 
+import importlib
 import json
 import subprocess
 import sys
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
 
-from agents import benchmark_picture, messages, scores
+from agents import benchmark_picture, messages, scores, settings
 from agents.episodes import start_seeds
 from agents.evaluate import console_for_tables
 from agents.messages import UserError
@@ -46,6 +47,12 @@ LEARNERS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 """The module that trains, and options of its command line."""
 QUICK_SEEDS, QUICK_SHARE = 2, 0.1
+FIGURES = ("success_rate", "on_road_rate", "episode_return")
+PROFILE = [round(0.01 * k, 2) for k in range(101)]
+"""Success rates of which it is told how many seeds reach them."""
+LARGEST = 50_000_000
+"""Bytes of a results file."""
+CONTENT = files.table({"cells": files.mapping(files.mapping(files.anything))}, others=True)
 
 
 class Cell(NamedTuple):
@@ -111,7 +118,8 @@ class Args:
     runs: Path | None = None
     """Folder of the trainings; by default runs/benchmark, with --quick runs/benchmark-quick."""
     out: Path | None = None
-    """Results file; by default runs/benchmark.json or runs/ablations.json. Cells not trained now stay in it."""
+    """Results file; by default runs/benchmark.json or runs/ablations.json, with --quick runs/benchmark-quick.json or
+    runs/ablations-quick.json. Cells not trained now stay in it."""
 
 
 class Job(NamedTuple):
@@ -137,10 +145,8 @@ class Job(NamedTuple):
 
 def quick_steps(cell: Cell) -> int:
     """A tenth of what the cell's settings say."""
-    from agents import settings
-
     if cell.learner in settings.OWN:
-        module = __import__(LEARNERS[cell.learner][0], fromlist=["Args"])
+        module = importlib.import_module(LEARNERS[cell.learner][0])
         words = ["--env-id", cell.env_id, "--env-keywords", json.dumps({"level": cell.level})]
         steps = settings.usual(module.Args, cell.learner, words).total_timesteps
     else:
@@ -211,10 +217,6 @@ def measured(cell: Cell, folders: list[Path]) -> dict[str, Any]:
         "better_than_classical": {"value": iqm(difference.mean(axis=1)), "interval": stratified(difference)},
         "profile": [float(np.mean([one.success.mean() >= level for one in found])) for level in PROFILE],
     }
-
-
-FIGURES = ("success_rate", "on_road_rate", "episode_return")
-PROFILE = [round(0.01 * k, 2) for k in range(101)]
 
 
 def one_seed(folder: Path, outcomes: Outcomes, known: scores.Known | None) -> dict[str, Any]:
@@ -296,9 +298,10 @@ def interval(figure: dict[str, Any], factor: float) -> str:
 def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.benchmark", description=__doc__)
     messages.check_least(args, seeds=1, jobs=1)
-    out = args.out or Path("runs") / ("benchmark.json" if args.plan == "table" else "ablations.json")
+    quick = "-quick" if args.quick else ""  # quick cells never stand among the others
+    out = args.out or Path("runs") / f"{'benchmark' if args.plan == 'table' else 'ablations'}{quick}.json"
     messages.check_output("--out", out)
-    runs = args.runs or Path("runs") / ("benchmark-quick" if args.quick else "benchmark")
+    runs = args.runs or Path("runs") / f"benchmark{quick}"
     messages.check_output("--runs", runs, folder=True)
     cells = chosen(args)
     for cell in cells:
@@ -324,10 +327,6 @@ def main() -> None:
     console.print(shown(ordered))
     console.print(f"written: {out}")
 
-
-LARGEST = 50_000_000
-"""Bytes of a results file."""
-CONTENT = files.table({"cells": files.mapping(files.mapping(files.anything))}, others=True)
 
 if __name__ == "__main__":
     messages.run(main)

@@ -36,7 +36,8 @@ def load(name: str) -> control.Network:
         return control.load(name)
     except (ValueError, OSError) as error:
         begun = (Path(name) / "checkpoint").is_dir() and not (Path(name) / "policy.json").is_file()
-        hint = "; its training was stopped: go on with python -m agents.train ... --resume" if begun else ""
+        command = "python -m agents.train ... --resume, or agents.ppo, agents.policy_search: whichever began it"
+        hint = f"; its training was stopped: go on with {command}" if begun else ""
         raise UserError(f"{shown(error)}{hint}") from None
 
 
