@@ -25,7 +25,7 @@ from agents.messages import UserError
 from agents.statistics import mean, share
 from bicycle_env import control, leaderboard, optimum, provenance
 from bicycle_env.control.network import DESCRIPTION_FILE
-from bicycle_env.control.pretrained import FOLDER, place, published
+from bicycle_env.control.pretrained import FOLDER, USUAL_LEVEL, place, published
 from bicycle_env.files import (
     FileError,
     anything,
@@ -41,14 +41,11 @@ from bicycle_env.files import (
 
 STARTS, SEED = 2000, 1
 """That report."""
+BEST = table({"success_rate": number_in(0.0, 1.0), "episode_return": number_in(-1e12, 1e12)}, others=True)
 RECORD = table(
-    {
-        "env_id": text(200),
-        "seed": whole_in(0, 2**63),
-        "best": table({"success_rate": number_in(0.0, 1.0), "episode_return": number_in(-1e12, 1e12)}, others=True),
-    },
-    others=True,
+    {"env_id": text(200), "seed": whole_in(0, 2**63), "env_keywords": mapping(anything), "best": BEST}, others=True
 )
+PUBLISHED = table({"training": table({"best": BEST}, others=True)}, others=True)
 OF_TRAINING = (
     *("algo", "seed", "settings", "env_keywords", "timesteps", "seconds", "best", "resumed"),
     *("date", "machine", "versions", "git"),
@@ -96,7 +93,8 @@ def publish(
         command: that is written down.
 
     Raises:
-        UserError: a run that cannot be published, a bad level, runs of different ids.
+        UserError: a run that cannot be published, a bad level, runs of different ids or of another level, or all of them
+            worse on the starts that select than the policy that is there.
     """
     records = [record_of(folder) for folder in folders]
     ids = sorted({record["env_id"] for record in records})
@@ -107,9 +105,14 @@ def publish(
         cars = optimum.Cars(ids[0], {"level": level})
     except (ValueError, TypeError) as error:
         raise UserError(f"--level: {shown(error)}") from None
+    for folder, record in zip(folders, records, strict=True):
+        trained_at = record["env_keywords"] or {"level": USUAL_LEVEL}
+        if trained_at != {"level": level}:
+            raise UserError(f"{shown(folder)} was trained and selected with {shown(trained_at)}, not at level {level}")
     runs = [scored_run(folder, record, cars, level, starts) for folder, record in zip(folders, records, strict=True)]
     runs.sort(key=lambda run: run.selected_by, reverse=True)
     best = runs[0]
+    refuse_worse(place(ids[0], level, out), best)
     best.network.description |= {
         "env_keywords": {"level": level},
         "level": level,
@@ -130,6 +133,18 @@ def publish(
     best.network.save(place(ids[0], level, out))
     write_leaderboard(out, command)
     return runs
+
+
+def refuse_worse(there: Path, best: Run) -> None:
+    """UserError if the policy in a folder is better on the starts that select."""
+    if not (there / DESCRIPTION_FILE).is_file():
+        return
+    selection = read_json(there / DESCRIPTION_FILE, PUBLISHED)["training"]["best"]
+    if (selection["success_rate"], selection["episode_return"]) > best.selected_by:
+        raise UserError(
+            f"{shown(there)} has a better policy: {100.0 * selection['success_rate']:.1f} % of the starts that select, "
+            f"the best of these runs {100.0 * best.selected_by[0]:.1f} %; remove the folder to publish all the same"
+        )
 
 
 def record_of(folder: Path) -> dict[str, Any]:

@@ -51,6 +51,21 @@ def test_the_best_is_chosen_by_the_starts_that_select(out):
     assert set(said["score"]) == {"starts", "seed", "success_rate", "episode_return", "score", "best_found"}
 
 
+def test_a_worse_policy_does_not_take_the_place_of_a_better_one(out, tmp_path):
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(UserError, match=r"has a better policy: 70\.0 % of the starts that select, .* 69\.0 %"):
+        publishing.publish([finished_run(tmp_path / "run", 0.69)], "medium", out, STARTS)
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("keywords", [{}, {"level": "medium"}, {"friction": 0.5}])
+def test_a_run_is_published_for_the_level_that_it_was_trained_at(tmp_path, keywords):
+    run = finished_run(tmp_path / "run", 0.5, env_keywords=keywords)
+    with pytest.raises(UserError, match=r"was trained and selected with .*, not at level hard"):
+        publishing.publish([run], "hard", tmp_path / "out", STARTS)
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_score_is_what_an_evaluation_reports(out):
     said = control.load(out / "BicycleStab-v0-medium").description["score"]
     env = gym.make(STAB, level="medium", telemetry=True)
