@@ -93,8 +93,8 @@ def publish(
         command: that is written down.
 
     Raises:
-        UserError: a run that cannot be published, a bad level, runs of different ids or of another level, or all of them
-            worse on the starts that select than the policy that is there.
+        UserError: a run that cannot be published, a bad level, runs of different ids or of another level; all are worse
+            on the starts that select than the policy that is there.
     """
     records = [record_of(folder) for folder in folders]
     ids = sorted({record["env_id"] for record in records})
