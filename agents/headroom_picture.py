@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.headroom_setting import BEST, BLIND, BOUND, UNCONTROLLED
+from agents.headroom_setting import BEST, BLIND, BOUND, LEARNED, UNCONTROLLED
 from bicycle_env import plots
 
 SIDES = ("classical", "reference")
@@ -32,6 +32,8 @@ def draw(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         if BLIND in rates:
             axes.barh(place, rates[BLIND], height=0.62, color=colours[BLIND], alpha=0.55)
         axes.barh(place, rates[classical], height=0.34, color=colours["classical"])
+        if LEARNED in rates:
+            axes.plot(rates[LEARNED], place, "D", color="black", markersize=4, markerfacecolor="white")
         axes.plot(rates[UNCONTROLLED], place, "|", color="black", markersize=11, markeredgewidth=2.0)
         room = 100.0 * part["room"]["value"]
         words = classical.removesuffix(", tuned")
@@ -46,6 +48,16 @@ def draw(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         axes.barh(0, 0, color=colours[BLIND], alpha=0.55, label="best found without knowing what is hidden"),
         axes.barh(0, 0, color=colours[BEST], alpha=0.35, label="best found, knowing it"),
         axes.barh(0, 0, color="0.93", edgecolor="0.6", label="upper bound, any steering"),
+        axes.plot(
+            [],
+            [],
+            "D",
+            color="black",
+            markersize=4,
+            markerfacecolor="white",
+            linestyle="",
+            label="the policy that ships, learned",
+        )[0],
         axes.plot([], [], "|", color="black", markersize=11, markeredgewidth=2.0, label="nobody steers")[0],
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.episodes import start_seeds
+from agents.headroom_figures import of_sequences, plain, rate, side
 from agents.statistics import bootstrap, mean, share
 from bicycle_env import analysis, control, optimum
 from bicycle_env.optimum import Cars, Outcomes, by
@@ -40,6 +40,7 @@ KEPT_SEQUENCES = 2
 """Of each setting, steering sequences of the search that are written down."""
 
 UNCONTROLLED, BLIND, BEST, BOUND = "uncontrolled", "best found without knowing", "best found", "upper bound"
+LEARNED = "pretrained policy"
 
 
 class Setting(NamedTuple):
@@ -117,6 +118,9 @@ class _Study:
                 self.row(f"{name}, as shipped", self.driven(policy), "observation", controller=name)
         tuned = {name: self.tuned(f"{name}, tuned", name, {}) for name in names}
         best = max(names, key=lambda name: tuned[name].best.success_rate)
+        if self.setting.level in control.published().get(self.setting.env_id, ()):
+            policy = control.load_policy(self.setting.env_id, self.setting.level)
+            self.row(LEARNED, self.driven(policy), "observation")
         if self.setting.env_id in FULL_STATE:
             name = names[-1]
             self.tuned(f"{name}, tuned, sees the state", name, FULL_STATE[self.setting.env_id])
@@ -283,8 +287,16 @@ class _Study:
             for name, mine in zip(Outcomes._fields[:3], own, strict=True)
         ]
         outcomes = Outcomes(*columns, np.array([len(one.actions) for one in found]))
-        self.row(BEST, outcomes, "everything", search_alone=float(np.mean([one.success for one in found])))
         saved = [k for k in range(n) if found[k].success]
+        self.row(
+            BEST,
+            outcomes,
+            "everything",
+            search_alone=len(saved) / n,
+            of_saved=of_sequences(
+                self.setting.env_id, self.setting.keywords, {self.searched[k]: found[k].actions for k in saved}
+            ),
+        )
         # Those that only the search over sequences saves come first.
         kept = sorted(saved, key=lambda k: found[k].iterations == 0)[:KEPT_SEQUENCES]
         return [
@@ -316,32 +328,28 @@ class _Study:
         )
 
     def verdict(self, classical: str) -> dict[str, Any]:
-        """What scores are made of: the best classical controller, and what stands above it, on the starts of both."""
-        reference = BLIND if BLIND in self.rows else BEST
-        mine = self.classical_redrawn if reference == BLIND else self.rows[classical].outcomes
-        above = self.rows[reference].outcomes
-        n = len(above.success)
-        difference = above.success.astype(float) - mine.success[:n].astype(float)
-        room = {"value": float(np.mean(difference)), "interval": bootstrap(difference)}
+        """What scores are made of: the best classical controller, and what stands above it, on the starts of both.
+
+        Above it stands the best found; where something is hidden, the best of those that do not know it: the search,
+        or a policy, which learns on the way what it needs.
+        """
+        tuned = self.rows[classical].outcomes
+        pairs = {BEST: (tuned, self.rows[BEST].outcomes)}
+        if self.classical_redrawn is not None:
+            pairs = {BLIND: (self.classical_redrawn, self.rows[BLIND].outcomes)}
+            pairs |= {LEARNED: (tuned, self.rows[LEARNED].outcomes)} if LEARNED in self.rows else {}
+        differences = {
+            name: above.success.astype(float) - mine.success[: len(above.success)].astype(float)
+            for name, (mine, above) in pairs.items()
+        }
+        reference = max(differences, key=lambda name: float(np.mean(differences[name])))
+        room, (mine, above) = differences[reference], pairs[reference]
         return {
-            "classical": _side(classical, mine, n),
-            "reference": _side(reference, above, n),
-            "room": room,
+            "classical": side(classical, mine, len(room)),
+            "reference": side(reference, above, len(room)),
+            "room": {"value": float(np.mean(room)), "interval": bootstrap(room)},
             "best_return": float(np.mean(self.rows[BEST].outcomes.episode_return)),
         }
-
-
-def rate(values: NDArray[Any]) -> dict[str, Any]:
-    """A share with its interval; of shares, one of each start, their mean."""
-    return share(values) if values.dtype == bool else mean(values)
-
-
-def _side(name: str, outcomes: Outcomes, starts: int) -> dict[str, Any]:
-    """A driver's means on the first starts."""
-    success, _, episode_return, _ = (np.mean(column[:starts]) for column in outcomes)
-    return {
-        "driver": name, "success_rate": float(success), "episode_return": float(episode_return), "starts": starts
-    }  # fmt: skip
 
 
 def recoverable(plant: Any) -> analysis.RecoverableSet:
@@ -370,16 +378,3 @@ def hidden_friction(task: Any) -> tuple[float, float, Callable[[float, float], d
         task = task.task
     low, high = getattr(task, "relative_friction", (1.0, 1.0))
     return (low, high, lambda least, most: {"relative_friction": (least, most)}) if low < high else None
-
-
-def plain(keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Keywords as JSON holds them: an actuator by its fields, an infinite rate by leaving it out."""
-    found: dict[str, Any] = {}
-    for name, value in keywords.items():
-        fields = getattr(value, "__dataclass_fields__", None)
-        if fields is None:
-            found[name] = value
-        else:
-            numbers = {field: getattr(value, field) for field in fields}
-            found[name] = {field: number for field, number in numbers.items() if math.isfinite(number)}
-    return found

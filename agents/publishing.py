@@ -1,7 +1,7 @@
 """Publish the best of some runs as the policy that comes with the package, and write the leaderboard anew.
 
     python -m agents.publishing runs/stab-0 runs/stab-1 --level medium
-    python -m agents.publishing               # only the leaderboard, after results/headroom.json has changed
+    python -m agents.publishing               # scores and leaderboard alone, after results/headroom.json has changed
 
 The best is the one with the most success on the starts that select, as its run.json says; the 2000 starts that report
 choose nothing. Its folder says what it is: policy.json has the level, the score, the training, and what made it.
@@ -21,6 +21,7 @@ import tyro
 from agents import messages, scores, trained
 from agents.episodes import start_seeds
 from agents.evaluate import environment
+from agents.headroom_setting import LEARNED
 from agents.messages import UserError
 from agents.statistics import mean, share
 from bicycle_env import control, leaderboard, optimum, provenance
@@ -56,7 +57,7 @@ SCORED = table({"score": mapping(anything)}, others=True)
 
 @dataclass
 class Args:
-    """Publish the best of some runs; without runs, only write the leaderboard anew."""
+    """Publish the best of some runs; without runs, measure the scores of those that are there anew."""
 
     runs: tyro.conf.Positional[tuple[Path, ...]] = ()
     """Folders of finished trainings, of one id."""
@@ -168,19 +169,35 @@ def scored_run(folder: Path, record: dict[str, Any], cars: optimum.Cars, level: 
 def figures(network: control.Network, cars: optimum.Cars, env_id: str, level: str, starts: int) -> dict[str, Any]:
     """How a policy does on the starts that report."""
     outcomes = optimum.drive(cars.of(starts), optimum.by(network), start_seeds(starts, SEED))
-    success, known = share(outcomes.success), scores.known_of(env_id, level)
+    success = share(outcomes.success)
     return {
         "starts": starts,
         "seed": SEED,
         "success_rate": success,
         "episode_return": mean(outcomes.episode_return),
-        "score": None if known is None else known.score(success["value"]),
-        "best_found": None if known is None else known.reference_success,
+        **measured_by(scores.known_of(env_id, level), success),
     }
 
 
+def measured_by(known: scores.Known | None, success: dict[str, Any]) -> dict[str, float | None]:
+    """A success rate's score, and what it is measured by."""
+    if known is None:
+        return {"score": None, "best_found": None}
+    return {"score": known.score(success["value"]), "best_found": known.reference_success}
+
+
 def write_leaderboard(out: Path = FOLDER, command: str = "") -> None:
-    """The policies in a folder beside what the headroom study says of classical controllers and the best found."""
+    """The policies in a folder beside what the headroom study says of classical controllers and the best found.
+
+    The policies' own files have their scores by the same study.
+    """
+    for env_id, those in published(out).items():
+        for level in those:
+            path = place(env_id, level, out) / DESCRIPTION_FILE
+            description = read_json(path, SCORED)
+            score = description["score"]
+            score |= measured_by(scores.known_of(env_id, level), score["success_rate"])
+            write_json(path, description)
     content = {"command": command, **provenance.collect(), "levels": levels(out)}
     write_json(out / leaderboard.FILE.name, content)
 
@@ -212,7 +229,7 @@ def rows(env_id: str, level: str, out: Path) -> list[dict[str, Any]]:
         if "controller" in figures and figures["sees"] == "observation":
             found.append(row(name, "classical", figures))
     found.sort(key=lambda row: (row["success_rate"]["value"], row["episode_return"]["value"]), reverse=True)
-    if known is not None:
+    if known is not None and known.reference != LEARNED:  # that is the first row
         found.append(row(known.reference, "reference", drivers[known.reference]))
     return found
 

@@ -26,10 +26,14 @@ sys.path.insert(0, str(Path(__file__).parent))
 from limit import build, peak
 from rivals import numpy_step, sb3_ratio
 
+import bicycle_env
 from bicycle_env import provenance
 from bicycle_env.files import write_json
+from bicycle_env.tasks.active_steer import ActiveSteer
 
 ENV_ID = "BicycleStab-v0"
+TWIN_ID = "BicycleActiveSteer-v0"
+TWINLESS_ID = "Benchmark/ActiveSteerWithoutTwin-v0"
 NONLINEAR = ("tanh", "fiala", "magic_formula")
 SECONDS = 0.15  # of one round, about
 
@@ -68,8 +72,18 @@ def stepping(make: Callable[[], Any], rows: int) -> Round:
     return play
 
 
-def ours(num_envs: int, **keywords: Any) -> Callable[[], Round]:
-    return lambda: stepping(lambda: gym.make_vec(ENV_ID, num_envs=num_envs, **keywords), num_envs)
+def ours(num_envs: int, env_id: str = ENV_ID, **keywords: Any) -> Callable[[], Round]:
+    return lambda: stepping(lambda: gym.make_vec(env_id, num_envs=num_envs, **keywords), num_envs)
+
+
+class WithoutTwin(ActiveSteer):
+    """The twin stays where it began: what integrating it costs is the difference."""
+
+    name = "active_steer_without_twin"
+    companions = ()
+
+    def accompany(self, *_: Any) -> None:
+        return None
 
 
 def kernel(tire: str, in_c: bool, num_envs: int = 4096) -> Callable[[], Round]:
@@ -159,6 +173,7 @@ ROWS = [
         )
         for t in NONLINEAR
     ),
+    Row("ActiveSteer: with its twin / without, N = 1024", 0.5, ours(1024, TWIN_ID), ours(1024, TWINLESS_ID)),
     Row("tanh, N = 1 / single environment", 1.0, ours(1, tire="tanh"), single("tanh")),
     Row("tanh, N = 64 / single environment", 1.0, ours(64, tire="tanh"), single("tanh")),
 ]
@@ -253,6 +268,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     options = parser.parse_args()
 
+    bicycle_env.register(TWINLESS_ID, WithoutTwin, max_episode_steps=WithoutTwin.episode_steps)
     table: list[dict[str, Any]] = []
     short, open_rows = False, []
     print(f"{'ratio':44s} {'measured':>9s} {'must':>6s}   {'ours':>12s} {'theirs':>12s}")

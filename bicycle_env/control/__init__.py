@@ -12,7 +12,7 @@ from bicycle_env.control.mpc import MPC
 from bicycle_env.control.network import Network, load
 from bicycle_env.control.pole_placement import PolePlacement
 from bicycle_env.control.policy import Function, Plant, Policy, Zero
-from bicycle_env.control.pretrained import PRETRAINED, load_policy
+from bicycle_env.control.pretrained import PRETRAINED, load_policy, published
 from bicycle_env.control.registry import (
     NAMES,
     POLICIES,
@@ -58,6 +58,7 @@ __all__ = [
     "load",
     "load_policy",
     "make",
+    "published",
     "read_weights",
     "searched",
     "tunable",
