@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from bicycle_env.physics.actuators import FRONT
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.records import replaced
@@ -155,7 +157,13 @@ class Evade(Task):
             "return_time": (1.3, 2.0),
         },
         "medium": {},
-        "hard": {"obstacle_time": (0.8, 1.5), "return_time": (0.7, 1.4)},
+        "hard": {
+            "front_actuator": dataclasses.replace(FRONT, rate_limit=math.radians(15.0)),
+            "relative_friction": (0.35, 1.0),
+            "obstacle_time": (0.8, 2.0),
+            "obstacle_length": (0.2, 1.0),
+            "return_time": (0.7, 2.0),
+        },
     }
     flipped = ("side",)
     hidden = ("relative_friction",)
