@@ -65,7 +65,7 @@ def _episode(plant: Any, steps: Steps, success: bool, on_road: bool, end: str) -
     return Episode(success, on_road, end, sum(steps["reward"].tolist()), figures(plant.task.metrics, run))
 
 
-PURPOSES = ("report", "tune", "select")
+PURPOSES = ("report", "tune", "select", "collect")
 """What starts are for. Those of different purposes are different for every seed: settings are never chosen on the
 starts that a table reports."""
 
