@@ -292,6 +292,8 @@ def test_the_package_and_an_environment_are_light():
     assert {"bicycle_env", "gymnasium", "numba", "numpy"} <= loaded
     assert not loaded & {
         "torch",
+        "jax",
+        "minari",
         "casadi",
         "stable_baselines3",
         "matplotlib",

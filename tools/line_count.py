@@ -42,7 +42,11 @@ TASKS: dict[str, Names] = {
     "what the last two draw": {"tasks/draws.py": "*"},
 }
 FEATURES: dict[str, Names] = {
-    "generics": {"envs/tensors/torch_kernels.py": "mapped chosen"},
+    "generics": {"envs/tensors/tensor_kernels.py": "mapped chosen"},
+    "JAX": {
+        "envs/tensors/jax_env.py": "*",
+        "envs/tensors/tensor_kernels.py": "Library tensor_kernels.spread tensor_kernels.code",
+    },
     "disturbances": {"tasks/disturbances.py": "*"},
     "drivers": {"tasks/drivers.py": "*", "tasks/task.py": "Task.undriven"},
     "drawn parameters": {
@@ -63,6 +67,11 @@ FEATURES: dict[str, Names] = {
     "tasks made of tasks": {"tasks/altered.py": "*", "tasks/options.py": "*", "envs/setup.py": "ADDED"},
     "tasks of one's own: registered, checked, explained": {
         "tasks/checking.py": "*",
+        "tasks/__init__.py": "*",
+        "tasks/path.py": "follows_path",
+        "tasks/task.py": "NEEDED Task.__new__ Task.seconds_to_pass Task.forfeits",
+        "envs/agreement.py": "*",
+        "envs/telemetry.py": "columns check_metrics",
         "envs/registered_tasks.py": "*",
         "envs/setup.py": "OF_MAKERS check_names",
         "envs/origin.py": "OF_MANY ELSEWHERE check_levels _changed:ELSEWHERE _changed:check_names",
@@ -104,10 +113,10 @@ FEATURES: dict[str, Names] = {
         "envs/many/vector_env.py": "SingleTrackVectorEnv._refill SingleTrackVectorEnv.reset:_refill",
         "envs/single/single_track_env.py": "SingleTrackEnv._refill SingleTrackEnv.reset:_refill",
         "envs/tensors/torch_vector_env.py": "TorchVectorEnv.reset:refill",
-        "envs/tensors/torch_kernels.py": (
-            "TorchKernels.refill torch_kernels.refill torch_kernels.changing torch_kernels.moment "
-            "torch_kernels.start_of_step torch_kernels.substep:accompany torch_kernels.step:changing "
-            "torch_kernels.measure.now"
+        "envs/tensors/tensor_kernels.py": (
+            "TensorKernels.refill tensor_kernels.refill tensor_kernels.changing tensor_kernels.moment "
+            "tensor_kernels.start_of_step tensor_kernels.substep:accompany tensor_kernels.step.body:changing "
+            "tensor_kernels.measure.now"
         ),
     },
     "rewards, limits and tolerances as objects": {
@@ -136,7 +145,7 @@ FEATURES: dict[str, Names] = {
             "configure.relaxation_length"
         ),
         "envs/fleet.py": "Fleet.relaxation_length configure_fleet.relaxation_length",
-        "envs/tensors/torch_kernels.py": "TorchKernels.complete torch_kernels.completed",
+        "envs/tensors/tensor_kernels.py": "TensorKernels.complete tensor_kernels.completed",
     },
     "other cars by the options of reset": {
         "envs/origin.py": "Origin",

@@ -5,6 +5,7 @@ from bicycle_env.envs.bicycle_double_lane_change import BicycleDoubleLaneChangeE
 from bicycle_env.envs.bicycle_evade import BicycleEvadeEnv
 from bicycle_env.envs.bicycle_lane_change import BicycleLaneChangeEnv
 from bicycle_env.envs.bicycle_stab import BicycleStabEnv
+from bicycle_env.envs.tensors.jax_env import JaxEnv
 from bicycle_env.envs.tensors.torch_vector_env import TorchVectorEnv
 
 __all__ = [
@@ -13,5 +14,6 @@ __all__ = [
     "BicycleEvadeEnv",
     "BicycleLaneChangeEnv",
     "BicycleStabEnv",
+    "JaxEnv",
     "TorchVectorEnv",
 ]

@@ -9,7 +9,7 @@ import torch
 from torch_cases import IDS, LANE, MODES, STAB, assert_same_bits, quick, zeros
 
 from bicycle_env.envs import TorchVectorEnv
-from bicycle_env.envs.tensors import torch_kernels
+from bicycle_env.envs.tensors import torch_device
 
 HOW = {"deepcopy": copy.deepcopy, "pickle": lambda envs: pickle.loads(pickle.dumps(envs))}
 
@@ -51,7 +51,7 @@ def test_a_copy_before_the_first_reset_draws_the_same_starts(how):
 def test_a_copy_compiles_for_itself(monkeypatch):
     """The compiler takes a minute: here it is one that compiles nothing, and counts."""
     compiled = []
-    monkeypatch.setattr(torch_kernels, "_compiled", lambda torch, law: compiled.append(law) or law)
+    monkeypatch.setattr(torch_device, "_compiled", lambda torch, law: compiled.append(law) or law)
     envs = driven(quick(compile=True, max_episode_steps=7))
     number = len(compiled)
     for how in HOW.values():

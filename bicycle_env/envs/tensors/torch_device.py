@@ -1,12 +1,20 @@
-"""From what a user gives to the torch environment, to torch's objects: the package, a device, a seed, numbers."""
+"""torch, as the tensor kernels take it, and from what a user gives to torch's objects: a device, a seed, numbers."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 
+from bicycle_env.envs.tensors.tensor_kernels import Library, Tensor
 from bicycle_env.installation import needs
+
+INDUCTOR = {"realize_opcount_threshold": 4, "max_fusion_size": 100_000}
+"""Options of torch.compile for long chains of elementwise operations. By default it copies an intermediate of up to 30
+operations to each of its uses, and these chains grow: the Fiala tire's substep takes over ten minutes to compile. So
+short ones are shared, and what shares them still becomes one loop: half a minute."""
 
 
 def import_torch() -> Any:
@@ -44,3 +52,27 @@ def as_numbers(torch: Any, name: str, value: Any) -> Any:
             f"{name}.detach(). Actions, and what reset(options=) takes, may require one"
         )
     return value.cpu().numpy()
+
+
+def torch_library(torch: Any, num_envs: int, device: Any, dtype: Any, compiled: bool) -> Library:
+    """torch for the tensor kernels."""
+
+    def tensor(value: Any) -> Tensor:
+        return torch.tensor(value, dtype=dtype, device=device)
+
+    def compile_law(law: Any) -> Any:
+        return _compiled(torch, law) if compiled else law
+
+    return Library(torch, dtype, tensor, (num_envs,), _repeated, compile_law)
+
+
+def _repeated(count: int, body: Callable[[Any], Any], carry: Any) -> Any:
+    for _ in range(count):
+        carry = body(carry)
+    return carry
+
+
+def _compiled(torch: Any, law: Any) -> Any:
+    # torch keeps a few compiled versions per code object and then refuses: each environment has a code object.
+    own = FunctionType(law.__code__.replace(), law.__globals__, law.__name__, law.__defaults__, law.__closure__)
+    return torch.compile(own, fullgraph=True, dynamic=False, options=INDUCTOR)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bicycle_env.envs.many.rows import allowed_column
-from bicycle_env.envs.tensors.torch_kernels import Tensor
+from bicycle_env.envs.tensors.tensor_kernels import Tensor
 from bicycle_env.physics.validation import number
 from bicycle_env.tasks.task import Allowed, checked_state
 

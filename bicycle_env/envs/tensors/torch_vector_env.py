@@ -18,8 +18,8 @@ from bicycle_env.envs.fleet import CAR_OPTIONS, ConfiguredFleet, Fleet
 from bicycle_env.envs.many.rows import checked_cars
 from bicycle_env.envs.registered_fleet import keywords_of_id, registered_fleet, registered_spec
 from bicycle_env.envs.telemetry import telemetry as telemetry_of
-from bicycle_env.envs.tensors.torch_device import as_numbers, device_and_generator, import_torch, shortened
-from bicycle_env.envs.tensors.torch_kernels import Episodes, Tensor, chosen, mapped, torch_kernels
+from bicycle_env.envs.tensors import torch_device
+from bicycle_env.envs.tensors.tensor_kernels import Episodes, Tensor, chosen, mapped, tensor_kernels, world_of
 from bicycle_env.envs.tensors.torch_options import TorchOptions
 from bicycle_env.envs.told import read_only, tell
 from bicycle_env.physics.validation import flag, known_keys, whole
@@ -93,14 +93,14 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         own = [name for name in inspect.signature(TorchVectorEnv).parameters if name != "env_keywords"]
         self.spec = registered_spec(env_id)
         known_keys("keyword", env_keywords, [*own, *keywords_of_id(self.spec)], TypeError)
-        torch = import_torch()
+        torch = torch_device.import_torch()
         steps = self.spec.max_episode_steps if max_episode_steps is None else max_episode_steps
         word = str(dtype).removeprefix("torch.")
         limit = self._adopt_options(num_envs, steps, autoreset_mode, word, staggered_start, on_invalid, telemetry)
         tell(self, dtype=getattr(torch, word))
-        self.device, self._generator = device_and_generator(torch, device)
+        self.device, self._generator = torch_device.device_and_generator(torch, device)
         self._np_random, self._np_random_seed = seeding.np_random(self._generator.seed())
-        env_keywords = {name: as_numbers(torch, name, value) for name, value in env_keywords.items()}
+        env_keywords = {name: torch_device.as_numbers(torch, name, value) for name, value in env_keywords.items()}
         fleet = registered_fleet(self.spec, self.num_envs, env_keywords, limit, flag("varied", varied))
         self._adopt_fleet(fleet)
         self._compiled = flag("compile", compile)
@@ -109,10 +109,10 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         self._bind()
 
     def _bind(self) -> None:
-        self._torch = torch = import_torch()
+        self._torch = torch = torch_device.import_torch()
         step_limit = math.inf if self.max_episode_steps is None else self.max_episode_steps
-        tensors = (torch, self.fleet, self.num_envs, self.device, self.dtype)
-        self._kernels = torch_kernels(*tensors, step_limit, self._compiled)
+        library = torch_device.torch_library(torch, self.num_envs, self.device, self.dtype, self._compiled)
+        self._kernels = tensor_kernels(library, self.fleet, world_of(library, self.fleet), step_limit)
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
         self._options = TorchOptions(torch, self.num_envs, self.device, self.dtype, limits, self.model.own)
 
@@ -150,7 +150,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         mask = None if masked is None else self._options.mask(masked)
         given = self.task.check_options(options, ("reset_mask", *CAR_OPTIONS))
         seed = None if seed is None else whole("seed", seed, 0, math.inf)
-        cars = {name: as_numbers(self._torch, name, given[name]) for name in CAR_OPTIONS if name in given}
+        cars = {name: torch_device.as_numbers(self._torch, name, given[name]) for name in CAR_OPTIONS if name in given}
         others = checked_cars(self.task, cars, self.fleet, self.num_envs)
         kept = self._episodes
         if kept is None and mask is not None and not bool(mask.all()):
@@ -159,7 +159,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         changes = self.task.option_numbers(given, self._options.allowed)
         if seed is not None:
             self._np_random, self._np_random_seed = seeding.np_random(seed)
-            self._generator.manual_seed(shortened(seed))
+            self._generator.manual_seed(torch_device.shortened(seed))
         if others is not None or self._changed:
             self._changed = True
             self._put_cars(others or self.fleet, mask)
@@ -171,7 +171,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         if self.staggered_start and mask is None and self.max_episode_steps is not None:
             steps = self._torch.arange(self.num_envs, device=self.device) * self.max_episode_steps // self.num_envs
             fresh = fresh._replace(episode=fresh.episode._replace(steps=steps.to(self.dtype)))
-        self._keep(fresh if kept is None or mask is None else chosen(mask, fresh, kept))
+        self._keep(fresh if kept is None or mask is None else chosen(self._torch.where, mask, fresh, kept))
         return self._look()
 
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
@@ -196,7 +196,10 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         for _ in range(self.action_repeat - 1):  # cars that end stay where they are
             ended = after.over
             later, more = self._kernels.step(after, actions)
-            after, reward = chosen(ended, after, later), reward + more.where(ended.logical_not(), 0.0)
+            after, reward = (
+                chosen(self._torch.where, ended, after, later),
+                reward + more.where(ended.logical_not(), 0.0),
+            )
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             over = after.over
             self._episodes = after
@@ -210,7 +213,7 @@ class TorchVectorEnv(ConfiguredFleet, VectorEnv[Any, Any, Any]):
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             self._episodes = self._kernels.restart(over, self._uniforms(), after)
         else:
-            self._episodes = chosen(over, before, after)
+            self._episodes = chosen(self._torch.where, over, before, after)
         observation, info = self._look()
         reward = reward.where(over.logical_not(), 0.0)
         return observation, reward, self._episodes.end > 0, self._episodes.timed_out.clone(), info

@@ -1,13 +1,12 @@
-"""Start, step and look of many cars on torch tensors: what ``kernels`` has compiled for one, from the same laws.
+"""Start, step and look of cars on the tensors of torch or JAX: what numba has compiled for one, from the same laws.
 
 All is elementwise over the cars and nothing reads a value on the host, so a GPU never waits for it, and gradients
-flow through it. torch is handed in: it is imported when an environment is made, not with this package.
+flow through it. The library is handed in: it is imported when an environment is made, not with this package.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import FunctionType
 from typing import Any, NamedTuple
 
 from bicycle_env.envs.fleet import Fleet
@@ -19,14 +18,27 @@ from bicycle_env.tasks.ends import INVALID_ACTION, RUNNING, clearance
 from bicycle_env.tasks.episode import EpisodeState, World
 
 Tensor = Any
-INDUCTOR = {"realize_opcount_threshold": 4, "max_fusion_size": 100_000}
-"""Options of torch.compile for long chains of elementwise operations. By default it copies an intermediate of up to 30
-operations to each of its uses, and these chains grow: the Fiala tire's substep takes over ten minutes to compile. So
-short ones are shared, and what shares them still becomes one loop: half a minute."""
+
+
+class Library(NamedTuple):
+    """A library of tensors, and what is not the same in all of them."""
+
+    module: Any
+    """torch, or jax.numpy: what they name alike is taken from here."""
+    dtype: Any
+    """Of the physics and of rewards."""
+    tensor: Callable[[Any], Tensor]
+    """Numbers in that type where the cars are."""
+    shape: tuple[int, ...]
+    """(num_envs,), or () for one car: JAX itself makes many of it."""
+    repeated: Callable[[int, Callable[[Any], Any], Any], Any]
+    """``repeated(count, body, carry)``: the body, so many times."""
+    compiled: Callable[[Any], Any]
+    """A law, compiled by itself where the library does that."""
 
 
 class Episodes(NamedTuple):
-    """All that changes while the cars drive: tensors (num_envs,)."""
+    """All that changes while the cars drive: tensors of the library's shape."""
 
     state: Any
     """The model's State."""
@@ -38,17 +50,17 @@ class Episodes(NamedTuple):
 
     @property
     def over(self) -> Tensor:
-        """bool (num_envs,): terminated or truncated."""
+        """bool: terminated or truncated."""
         return (self.end != RUNNING) | self.timed_out
 
 
-class TorchKernels(NamedTuple):
+class TensorKernels(NamedTuple):
     """Pure functions of tensors for one fleet and one task."""
 
     start: Callable[[Tensor], Episodes]
-    """``start(uniforms)``: random starts from numbers in [0, 1), (task.uniforms, num_envs)."""
+    """``start(uniforms)``: random starts from numbers in [0, 1), the first axis of task.uniforms."""
     step: Callable[[Episodes, Tensor], tuple[Episodes, Tensor]]
-    """``step(episodes, action) -> (episodes, reward)``, action (num_envs, axles).
+    """``step(episodes, action) -> (episodes, reward)``, the axles on the action's last axis.
 
     A car whose action is not finite stays and ends; its reward is 0, the least there is; with the quadratic reward it
     pays for all steps that are left.
@@ -60,7 +72,8 @@ class TorchKernels(NamedTuple):
     refill: Callable[[Episodes], Episodes]
     """What the task keeps of a start, after the starts were changed by options."""
     look: Callable[[Episodes], tuple[Tensor, Tensor]]
-    """``look(episodes) -> (observation, cost)``: float32 (num_envs, entries), and (num_envs,)."""
+    """``look(episodes) -> (observation, cost)``: float32, the entries on the last axis, and
+    one of each car."""
     measure: Callable[[Episodes], dict[str, Tensor]]
     """Slip angles, forces, accelerations and the reference, by the names of the telemetry."""
     world: World
@@ -75,27 +88,26 @@ def mapped(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
     return function(tree, *others)
 
 
-def chosen(condition: Tensor, then: Any, otherwise: Any) -> Any:
+def chosen(where: Callable[[Tensor, Any, Any], Tensor], condition: Tensor, then: Any, otherwise: Any) -> Any:
     """Row by row one of two nested named tuples."""
-    return mapped(lambda a, b: a.where(condition, b), then, otherwise)
+    return mapped(lambda a, b: where(condition, a, b), then, otherwise)
 
 
-def torch_kernels(
-    torch: Any, fleet: Fleet, num_envs: int, device: Any, dtype: Any, step_limit: float, compiled: bool
-) -> TorchKernels:
-    """Bind the laws to torch; `step_limit`: control steps until the time-out."""
-    configuration = fleet.configuration
+def world_of(library: Library, fleet: Fleet) -> World:
+    """The cars and the task's settings, as tensors of one number or of one per car."""
+    car = CarParameters(*map(library.tensor, fleet.car))
+    return World(car, fleet.configuration.rules, type(fleet.settings)(*map(library.tensor, fleet.settings)))
+
+
+def tensor_kernels(library: Library, fleet: Fleet, world: World, step_limit: Any) -> TensorKernels:
+    """Bind the laws to a library; `step_limit`: control steps until the time-out."""
+    configuration, arrays, shape = fleet.configuration, library.module, library.shape
     task, model, rules = configuration.task, configuration.model, configuration.rules
-    xp = array_namespace(torch, dtype)
-
-    def tensor(value: Any) -> Tensor:
-        return torch.tensor(value, dtype=dtype, device=device)
-
-    car = CarParameters(*map(tensor, fleet.car))
-    world = World(car, rules, type(fleet.settings)(*map(tensor, fleet.settings)))
+    xp = array_namespace(arrays, library.dtype)
+    car, tensor = world.car, library.tensor
     per_scale = tensor(1.0 / fleet.observation_scale)
-    bound = torch.tensor(configuration.observation_bound, device=device)
-    times = tensor(task.preview_times).unsqueeze(1)
+    bound = arrays.asarray(tensor(configuration.observation_bound), dtype=arrays.float32)
+    times = tensor(task.preview_times)[:, None] if shape else tensor(task.preview_times)
     begin, advance, finish, accompany = parts(xp, task, model, configuration.reward)
     complete, start_law, reference_law, cost_law = model.complete(xp), task.start(xp), task.reference(xp), task.cost(xp)
     observe, preview = task.observe(xp), task.preview(xp)
@@ -104,14 +116,20 @@ def torch_kernels(
     axles_law, forfeit_law = model.axles(xp, changing), configuration.reward.forfeit(xp, task)
     clearance_law, physics_timestep = clearance(xp, task), configuration.physics_timestep
 
+    def spread(value: Tensor) -> Tensor:
+        return arrays.broadcast_to(value, shape)
+
+    def code(value: Tensor) -> Tensor:
+        return arrays.asarray(value, dtype=arrays.int8)
+
     start_of_step = tensor(0.0) if changing else 0.0  # a tensor, so that the compiler takes no number for a constant
 
     def start(uniforms: Tensor) -> Episodes:
-        state, task_state = start_law(uniforms.unbind(), world)
+        state, task_state = start_law(tuple(uniforms[k] for k in range(task.uniforms)), world)
         state = complete(state, car)
         zero = 0.0 * state.heading
-        episode = EpisodeState(zero, zero, zero, zero, mapped(lambda value: value.expand(num_envs), task_state))
-        running = zero.to(torch.int8)
+        episode = EpisodeState(zero, zero, zero, zero, mapped(spread, task_state))
+        running = code(zero)
         return Episodes(state, episode, running, running != RUNNING)
 
     def completed(values: Mapping[str, Tensor]) -> Any:
@@ -121,18 +139,17 @@ def torch_kernels(
         law, episode = task.refilled(xp), episodes.episode
         if law is None:
             return episodes
-        own = mapped(lambda value: value.expand(num_envs), law(episodes.state, episode, world))
+        own = mapped(spread, law(episodes.state, episode, world))
         return episodes._replace(episode=episode._replace(task_state=own))
 
     def restart(rows: Tensor, uniforms: Tensor, episodes: Episodes) -> Episodes:
-        restarted: Episodes = chosen(rows, start(uniforms), episodes)
+        restarted: Episodes = chosen(arrays.where, rows, start(uniforms), episodes)
         return restarted
 
     def prepare(before: Episodes, action: Tensor) -> tuple[Any, ...]:
-        finite = torch.isfinite(action).all(dim=1)
-        action = xp.minimum(xp.maximum(action.where(finite.unsqueeze(1), 0.0), -1.0), 1.0)
-        steers = action.unbind(dim=1)
-        pair = (steers[0] * rules.steers_front, steers[-1] * rules.steers_rear)
+        finite = arrays.isfinite(action).all(-1)
+        action = xp.minimum(xp.maximum(arrays.where(finite[..., None], action, 0.0), -1.0), 1.0)
+        pair = (action[..., 0] * rules.steers_front, action[..., -1] * rules.steers_rear)
         return finite, pair, *begin(before.state, before.episode, pair, world)
 
     def substep(
@@ -153,18 +170,18 @@ def torch_kernels(
         number: Tensor,
     ) -> tuple[Episodes, Tensor]:
         episode, reward, end, _ = finish(state, along, pair, command, number, world)
-        after = Episodes(state, episode, end.to(torch.int8), episode.steps >= step_limit)
+        after = Episodes(state, episode, code(end), episode.steps >= step_limit)
         stopped = before._replace(end=INVALID_ACTION, timed_out=False)
         forfeit = 0.0 if forfeit_law is None else forfeit_law(before.episode.steps, car, rules)
-        return chosen(finite, after, stopped), reward.where(finite, forfeit)
+        return chosen(arrays.where, finite, after, stopped), arrays.where(finite, reward, forfeit)
 
     def look(episodes: Episodes) -> tuple[Tensor, Tensor]:
         state, episode = episodes.state, episodes.episode
-        values = torch.stack(observe(state, episode, world), dim=1)
+        values = arrays.stack([spread(value) for value in observe(state, episode, world)], -1)
         if len(times):
-            ahead = preview(state, episode.task_state, world, times)  # (points, num_envs)
-            values = torch.cat((values, ahead.T), dim=1)
-        scaled = (values * per_scale).to(torch.float32)
+            ahead = preview(state, episode.task_state, world, times)  # the points first
+            values = arrays.concatenate((values, ahead.T), -1)
+        scaled = arrays.asarray(values * per_scale, dtype=arrays.float32)
         observation = xp.minimum(xp.maximum(scaled, -bound), bound)
         return observation, cost_law(state, reference_law(state, episode.task_state, world), episode, world)
 
@@ -177,23 +194,17 @@ def torch_kernels(
         present = {name: zero + getattr(now, name) for name in MOMENT}
         return {**acting._asdict(), **references, **present, "clearance": clear}
 
-    if compiled:  # one substep: the whole step, unrolled, would take the compiler minutes
-        restart, prepare, substep, conclude, look = (
-            _compiled(torch, law) for law in (restart, prepare, substep, conclude, look)
-        )
+    # One substep is compiled: the whole step, unrolled, would take the compiler minutes.
+    restart, prepare, substep, conclude, look = map(library.compiled, (restart, prepare, substep, conclude, look))
 
     def step(before: Episodes, action: Tensor) -> tuple[Episodes, Tensor]:
         finite, pair, command, number = prepare(before, action)
-        state, episode, elapsed = before.state, before.episode, start_of_step
-        for _ in range(int(rules.substeps)):
-            state, episode = substep(state, episode, command, elapsed)
-            elapsed = elapsed + physics_timestep if changing else elapsed
+
+        def body(carry: tuple[Any, EpisodeState, Any]) -> tuple[Any, EpisodeState, Any]:
+            state, episode, elapsed = carry
+            return *substep(state, episode, command, elapsed), elapsed + physics_timestep if changing else elapsed
+
+        state, episode, _ = library.repeated(int(rules.substeps), body, (before.state, before.episode, start_of_step))
         return conclude(before, state, episode, finite, pair, command, number)
 
-    return TorchKernels(start, step, restart, completed, refill, look, measure, world)
-
-
-def _compiled(torch: Any, law: Any) -> Any:
-    # torch keeps a few compiled versions per code object and then refuses: each environment has a code object.
-    own = FunctionType(law.__code__.replace(), law.__globals__, law.__name__, law.__defaults__, law.__closure__)
-    return torch.compile(own, fullgraph=True, dynamic=False, options=INDUCTOR)
+    return TensorKernels(start, step, restart, completed, refill, look, measure, world)
