@@ -170,6 +170,11 @@ class Run:
         self._tell = tell
         tell()
 
+    def checkpoint(self, state: Callable[[], State]) -> None:
+        """A checkpoint of now, unless the last one is."""
+        if self._saved_at != self.timesteps:
+            self._save(state())
+
     def _assess(self, policy: control.Network) -> None:
         outcomes = optimum.drive(self._cars.of(SELECTED), optimum.by(policy), self._seeds)
         success, mean_return, length = (float(np.mean(column)) for column in np.take(outcomes, (0, 2, 3), axis=0))

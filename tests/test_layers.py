@@ -59,7 +59,7 @@ ROWS = {
         {*BELOW_ENVS, "installation"},
         {"gymnasium", "numpy", "numba", "llvmlite"},
         lazy_layers={"rendering"},
-        lazy_packages={"torch"},
+        lazy_packages={"jax", "torch"},
     ),
     "rendering": Row({*BELOW_ENVS, "installation"}, {"pygame", "numpy", "gymnasium"}),
     "wrappers": Row({*BELOW_ENVS, "envs", "files", "installation"}, {"gymnasium", "numpy"}),
