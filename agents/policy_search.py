@@ -180,8 +180,8 @@ class Search:
             raise training.damaged(error) from None
 
 
-def train(args: Args, console: Console) -> Path:
-    """Search as the arguments say; gives the run's folder."""
+def train(args: Args, console: Console, watch: training.Watch | None = None) -> Path:
+    """Search as the arguments say; gives the run's folder. `watch` sees each point of the learning curve."""
     keywords = parse_keywords(args.env_keywords)
     chosen = settings.own(args, ALGORITHM)
     path = args.out or Path("runs") / f"{args.env_id}-{ALGORITHM}-{args.seed}"
@@ -194,6 +194,7 @@ def train(args: Args, console: Console) -> Path:
     plan = training.Plan(args.env_id, keywords, ALGORITHM, args.seed, chosen, args.total_timesteps)
     manner = training.manner(args, cars.plant)
     with training.run_in(path, plan, assessed, manner, args.resume, console, args.quiet) as (run, arrays):
+        run.watch = watch
         if arrays is not None:
             search.put(arrays)
         while (done := run.timesteps / args.total_timesteps) < 1.0:

@@ -301,8 +301,8 @@ def learn(
             optimizer.step()
 
 
-def train(args: Args, console: Console) -> Path:
-    """Train as the arguments say; gives the run's folder."""
+def train(args: Args, console: Console, watch: training.Watch | None = None) -> Path:
+    """Train as the arguments say; gives the run's folder. `watch` sees each point of the learning curve."""
     keywords = parse_keywords(args.env_keywords)
     chosen = settings.own(args, ALGORITHM)
     path = args.out or Path("runs") / f"{args.env_id}-{ALGORITHM}-{args.seed}"
@@ -316,6 +316,7 @@ def train(args: Args, console: Console) -> Path:
     plan = training.Plan(args.env_id, keywords, ALGORITHM, args.seed, chosen, args.total_timesteps)
     manner = training.manner(args, assessed.plant)
     with training.run_in(path, plan, assessed, manner, args.resume, console, args.quiet) as (run, arrays):
+        run.watch = watch
         if arrays is None:
             if args.imitate:
                 imitate(args, learner.policy, assessed)

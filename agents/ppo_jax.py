@@ -248,8 +248,8 @@ def trainer(args: Args, env: JaxEnv) -> tuple[Callable[[Array], Learner], Callab
     return begin, update
 
 
-def train(args: Args, console: Console) -> list[Path]:
-    """Train as the arguments say; gives the runs' folders."""
+def train(args: Args, console: Console, watch: training.Watch | None = None) -> list[Path]:
+    """Train as the arguments say; gives the runs' folders. `watch` sees each point of the first learning curve."""
     jax = imported()
     keywords = parse_keywords(args.env_keywords)
     messages.check_least(args, seeds=1)
@@ -286,6 +286,7 @@ def train(args: Args, console: Console) -> list[Path]:
                 stack.enter_context(training.run_in(path, plan, assessed, manner, args.resume, console, quiet))
             )
         runs = [run for run, _ in opened]
+        runs[0].watch = watch
         if args.resume and all(arrays is not None for _, arrays in opened):
             learners = put([arrays for _, arrays in opened if arrays is not None], learners, jax)
         if len(places := {run.timesteps for run in runs}) > 1:

@@ -35,6 +35,8 @@ ASSESSMENTS = 20
 CHECKPOINTS = 10
 LARGEST_STATE = 200_000_000  # bytes
 
+Watch = Callable[[int, float, float], None]
+"""``watch(timesteps, success, mean return)`` on the starts that select, with the policy as it is then."""
 Layers = list[tuple[NDArray[Any], NDArray[Any]]]
 """(weight (out, in), bias (out,)) of each affine layer."""
 
@@ -105,6 +107,7 @@ class Run:
         """Control steps that all cars have driven."""
         self.request = stopping.Request()
         self._tell: Callable[[], None] = lambda: None
+        self.watch: Watch | None = None
 
     @property
     def seconds(self) -> float:
@@ -181,6 +184,8 @@ class Run:
         self._curve.append(f"{self.timesteps},{self.seconds:.1f},{success:.4f},{mean_return:.3f},{length:.1f}")
         if (success, mean_return) > self._best[:2]:
             self._best, self._policy = (success, mean_return, self.timesteps), policy
+        if self.watch is not None:
+            self.watch(self.timesteps, success, mean_return)
 
     def _save(self, state: State) -> None:
         progress = {

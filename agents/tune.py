@@ -4,9 +4,12 @@
     python -m agents.evaluate --env-keywords '{"friction": 0.4}' --policy runs/icy.json lqr
     python -m agents.tune --env-id BicycleActiveSteer-v0 --controller rear-switched --out runs/switched.json
 
+    python -m agents.tune --algo native-ppo --env-id BicycleStab-v0 --trials 20      # a learner's settings, with Optuna
+
 The cross-entropy method over the controller's parameters (bicycle_env.optimum.tune), several times from random places,
 thousands of cars at once. The score is the success rate plus the mean reward per step. Candidates are scored on starts
-of their own, and the best is chosen on others; no evaluation uses either.
+of their own, and the best is chosen on others; no evaluation uses either. With --algo the settings of a learner are
+searched instead: every trial is a training, in a study that goes on where it was stopped and that processes may share.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tyro
@@ -22,7 +25,7 @@ from rich import box
 from rich.progress import Progress
 from rich.table import Table
 
-from agents import messages
+from agents import learner_tuning, messages
 from agents.episodes import start_seeds
 from agents.evaluate import console_for_tables, make_env, parse_keywords
 from agents.messages import UserError
@@ -34,7 +37,7 @@ TUNING_STARTS, SELECTION_STARTS = 128, 1000
 
 @dataclass
 class Args:
-    """Find parameters for a controller in one environment."""
+    """Find parameters for a controller, or settings for a learner, in one environment."""
 
     env_id: str = "BicycleStab-v0"
     """Environment id."""
@@ -49,7 +52,20 @@ class Args:
     seed: int = 0
     """Of the search and of its starts."""
     out: Path | None = None
-    """File for the parameters; by default runs/ENV_ID-CONTROLLER.json."""
+    """File for the parameters; by default runs/ENV_ID-CONTROLLER.json, with --algo runs/STUDY/tuning.json."""
+    algo: Literal["native-ppo", "policy-search", "jax-ppo"] | None = None
+    """A learner, in place of a controller."""
+    trials: int = 20
+    """With --algo: how many the study is to have, those that it has already counted."""
+    total_timesteps: int | None = None
+    """With --algo: of each training; by default the shipped settings'."""
+    storage: str | None = None
+    """With --algo: the study's database as SQLAlchemy names it; by default runs/STUDY/study.db. Several processes may
+    search in one, each with the same --study and a --folder of its own."""
+    study: str | None = None
+    """With --algo: its name; by default ENV_ID-LEVEL-ALGO."""
+    folder: Path | None = None
+    """With --algo: of the trainings; by default runs/STUDY."""
 
 
 def tune(
@@ -116,10 +132,35 @@ def table(tuning: optimum.Tuning) -> Table:
     return shown
 
 
+def tune_learner(args: Args, algo: str) -> None:
+    """What --algo asks for."""
+    env: Any = make_env(args.env_id, parse_keywords(args.env_keywords))
+    level = env.unwrapped.level if env.unwrapped.scored_level else "own"
+    study = args.study or f"{args.env_id}-{level}-{algo}"
+    folder = args.folder or Path("runs") / study
+    out = args.out or folder / "tuning.json"
+    messages.check_output("--folder", folder, folder=True)
+    messages.check_output("--out", out)
+    asked = learner_tuning.Search(
+        args.env_id, args.env_keywords, algo, args.trials, args.total_timesteps, args.seed, args.storage, study, folder
+    )
+    found = learner_tuning.search(asked)
+    console = console_for_tables()
+    console.print(learner_tuning.table(found))
+    command = f"python -m agents.tune --algo {algo} --env-id {args.env_id} --trials {args.trials} --seed {args.seed}"
+    command += f" --total-timesteps {args.total_timesteps}" if args.total_timesteps else ""
+    command += f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""
+    write_json(out, {"command": command, **found})
+    console.print(f"settings: {out}; train with them, seeds of your own: {found['train']} --seed 0", soft_wrap=True)
+
+
 def main() -> None:
     listed = "Controllers: " + ", ".join(control.TUNABLE)
     args = tyro.cli(Args, prog="python -m agents.tune", description=f"{__doc__}\n{listed}")
-    messages.check_least(args, restarts=1, iterations=1, seed=0)
+    messages.check_least(args, restarts=1, iterations=1, seed=0, trials=1, total_timesteps=1)
+    if args.algo is not None:
+        tune_learner(args, args.algo)
+        return
     out = args.out or Path("runs") / f"{args.env_id}-{args.controller}.json"
     messages.check_output("--out", out)
     keywords = parse_keywords(args.env_keywords)
