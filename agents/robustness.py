@@ -15,6 +15,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.control import Policy
 from bicycle_env.control.design.margins import Loop, margins
 from bicycle_env.plots.style import dress, line_style, new_figure, save
+from bicycle_env.tasks import AlteredTask
 
 FACTORS = {
     "mass": (0.8, 0.9, 1.0, 1.1, 1.2, 1.3),
@@ -44,7 +46,7 @@ DELAYS = (0, 1, 2, 3, 4, 6)
 """Control steps that an action arrives late."""
 NOISE = (0.0, 0.005, 0.01, 0.02, 0.04)
 """rad/s, standard deviation of the observed yaw rate."""
-UNITS = {"action_delay": "control steps", "noise": "rad/s on the yaw rate"}
+UNITS = {"action_delay": "control steps more", "noise": "rad/s on the yaw rate"}
 STEP = 1e-3
 """Of an entry of the observation, for the Jacobian."""
 ODD = 1e-3
@@ -69,13 +71,21 @@ class Args:
     """Where the figures go, the picture beside them; by default runs/robustness-ENV_ID.json."""
 
 
-def changed(plant: Any, quantity: str, value: float) -> dict[str, Any]:
-    """Keywords of the environment in which a quantity is another."""
+def stated(plant: Any, keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """What the level says and what the keywords say."""
+    task = plant.task
+    while isinstance(task, AlteredTask):
+        task = task.task
+    return {**task.levels.get(plant.level, {}), **keywords}
+
+
+def changed(plant: Any, quantity: str, value: float, keywords: Mapping[str, Any] = MappingProxyType({})) -> Any:
+    """Keywords of the environment in which a quantity is another than these say."""
     car, speed = plant.vehicle, plant.speed
     if quantity == "friction":
         return {"friction": value * plant.friction}
     if quantity == "action_delay":
-        return {"action_delay": int(value)}
+        return {"action_delay": keywords.get("action_delay", 0) + int(value)}
     if quantity == "noise":
         return {"sensors": Sensors(noise={"yaw_rate": value})} if value else {}
     if quantity == "speed":
@@ -87,20 +97,21 @@ def changed(plant: Any, quantity: str, value: float) -> dict[str, Any]:
 def points(keywords: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
     """What is changed, and to which values; not what the environment itself sets."""
     every = {**FACTORS, "action_delay": tuple(map(float, DELAYS)), "noise": NOISE}
-    own = {"noise"} if "sensors" in keywords or keywords.get("level") == "hard" else set()
+    own = {"noise"} if "sensors" in keywords else set()
     return {name: values for name, values in every.items() if name not in own}
 
 
 def card(env_id: str, keywords: Mapping[str, Any], policies: Mapping[str, Policy], starts: list[int], bar: Any) -> Any:
     """By quantity the values, and of each policy success and return there."""
     plant = optimum.Cars(env_id, keywords).plant
-    wanted = points(keywords)
+    own = stated(plant, keywords)
+    wanted = points(own)
     job = bar.add_task("driving", total=sum(map(len, wanted.values())))
     found: dict[str, Any] = {}
     for quantity, values in wanted.items():
         rows: dict[str, list[Any]] = {name: [] for name in policies}
         for value in values:
-            given = changed(plant, quantity, value)
+            given = changed(plant, quantity, value, own)
             kept = {name: one for name, one in keywords.items() if name not in ("speed_ratio", *given)}
             cars = optimum.Cars(env_id, {**kept, **given}).of(len(starts))
             for name, policy in policies.items():

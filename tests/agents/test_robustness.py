@@ -85,3 +85,13 @@ def test_one_quantity_is_another_and_the_speed_stays(quantity, value, check):
 def test_what_the_environment_sets_itself_is_not_changed():
     assert "noise" in robustness.points({})
     assert "noise" not in robustness.points({"level": "hard"})
+
+
+def test_what_a_level_has_already_stays():
+    plant = gym.make("BicycleLaneChange-v0", level="hard").unwrapped
+    own = robustness.stated(plant, {"level": "hard", "speed_ratio": 1.1})
+    assert own["speed_ratio"] == 1.1
+    assert robustness.changed(plant, "action_delay", 2.0, own) == {"action_delay": 5}
+    assert "noise" in robustness.points(own)
+    noisy = gym.make("BicycleActiveSteer-v0", level="hard").unwrapped
+    assert "noise" not in robustness.points(robustness.stated(noisy, {"level": "hard"}))
