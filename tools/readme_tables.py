@@ -27,6 +27,7 @@ PAGES = (
     *("docs/learning.md", "docs/results.md"),
 )
 DEGREES = 57.29577951308232
+BEYOND = "peak_sideslip_beyond_0.3"
 
 
 def read(name: str) -> dict[str, Any]:
@@ -246,6 +247,23 @@ def optimum(part: dict[str, Any]) -> str:
     return "reached" if room <= 0.03 else "above" if room >= 0.1 else "a little above"
 
 
+def headroom_saved() -> str:
+    """Of the manoeuvres that the search saves: how, and what decides."""
+    heads = ["saved starts [%]", "the floor of 0.2 rad/s decides [%]", "FMVSS 126 to the letter [%]"]
+    heads += ["sideslip beyond 0.3 rad [%]", "mean peak sideslip [rad]"]
+    lines = ["| best found | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    for part in read("headroom.json")["settings"].values():
+        row = part["drivers"]["best found"]
+        figures = row.get("of_saved", {})
+        if part["level"] and "floor_decides" in figures:
+            shares = [row["search_alone"], *(figures[name] for name in ("floor_decides", "fmvss", BEYOND))]
+            cells = [f"{100 * share:.1f}" for share in shares]
+            lines.append(
+                f"| `{part['env_id']}` {part['level']} | " + " | ".join([*cells, f"{figures['peak_sideslip']:.3f}"]) + " |"
+            )
+    return "\n".join(lines)
+
+
 def headroom_controllers() -> str:
     """Every controller of every level, shipped and tuned, and how far the restarts of its tuning are apart."""
     heads = ["success [%]", "on the road [%]", "return", "restarts, on the starts that select [%]"]
@@ -454,6 +472,7 @@ TABLES = {
         gpu,
         headroom,
         headroom_controllers,
+        headroom_saved,
         entry_speed,
         controllers_stab,
         controllers_lane_change,
