@@ -10,7 +10,7 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all lint lock stab lane-change controllers headroom entry-speed alignment learning tensors results benchmark benchmark-vector compat gymnasium-versions clean
+.PHONY: help demo test test-all lint lock stab lane-change controllers headroom entry-speed alignment learning tensors results benchmark benchmark-vector compat rllib gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/ (pictures, one moving)"
@@ -30,6 +30,7 @@ help:
 	@echo "make tensors             TorchVectorEnv beside the native environment: runs/torch_env.json"
 	@echo "make results             all of these into results/, and the tables and pictures of the README and docs/ (hours)"
 	@echo "make compat              Stable-Baselines3, RLlib, TorchRL, Minari, ...: runs/compat.json (installs 6 GB)"
+	@echo "make rllib               Ray RLlib in an environment of its own: two runners train until the return has risen (1 GB)"
 	@echo "make gymnasium-versions  contract checks on gymnasium $(GYMNASIUM_VERSIONS)"
 
 $(VENV)/bin/python:
@@ -116,6 +117,12 @@ gymnasium-versions:
 			-c .venv-gymnasium-$$version/constraints.txt -e ".[test]" "gymnasium==$$version" && \
 		.venv-gymnasium-$$version/bin/python -m pytest -q -n auto tests/contracts || exit 1; \
 	done
+
+rllib:
+	$(PYTHON) -m venv .venv-rllib
+	grep -v '^gymnasium==' constraints.txt > .venv-rllib/constraints.txt
+	.venv-rllib/bin/python -m pip install -q --disable-pip-version-check -c .venv-rllib/constraints.txt -e ".[agents,rllib]"
+	.venv-rllib/bin/python -m agents.train_rllib --enough-return 100 --total-timesteps 500000 --out $(OUT)/rllib
 
 clean:
 	rm -rf $(VENV) .venv-gymnasium-* .venv-compat-* build dist *.egg-info

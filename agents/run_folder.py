@@ -14,7 +14,7 @@ import contextlib
 import hashlib
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -150,7 +150,11 @@ class Folder:
                 (old / name).unlink(missing_ok=True)
             with contextlib.suppress(OSError):  # something of the user's is in it, or it is not there
                 old.rmdir()
-        write_bytes(self.path / CURVE, ("\n".join([CURVE_HEADER, *progress["curve"]]) + "\n").encode())
+        self.write_curve(progress["curve"])
+
+    def write_curve(self, rows: Sequence[str]) -> None:
+        """The learning curve, below its heading."""
+        write_bytes(self.path / CURVE, ("\n".join([CURVE_HEADER, *rows]) + "\n").encode())
 
 
 def _name(digest: str) -> str:

@@ -259,7 +259,9 @@ def headroom_saved() -> str:
             shares = [row["search_alone"], *(figures[name] for name in ("floor_decides", "fmvss", BEYOND))]
             cells = [f"{100 * share:.1f}" for share in shares]
             lines.append(
-                f"| `{part['env_id']}` {part['level']} | " + " | ".join([*cells, f"{figures['peak_sideslip']:.3f}"]) + " |"
+                f"| `{part['env_id']}` {part['level']} | "
+                + " | ".join([*cells, f"{figures['peak_sideslip']:.3f}"])
+                + " |"
             )
     return "\n".join(lines)
 
