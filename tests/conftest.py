@@ -5,7 +5,9 @@
 
 import os
 import signal
+import sys
 import threading
+import types
 
 import pytest
 
@@ -39,3 +41,21 @@ def pytest_collection_modifyitems(items):
         of_them = any(value in LATER for value in values if isinstance(value, str))
         if item.path.name in OF_THEM or (of_them and item.path.name not in AT_ONCE):
             item.add_marker(pytest.mark.exhaustive)
+
+
+@pytest.fixture
+def films(monkeypatch):
+    """What would be written by moviepy, whether it is there or not: (frames, fps) of each film."""
+    written = []
+
+    class Clip:
+        def __init__(self, frames, fps):
+            self.film = (list(frames), fps)
+
+        def write_videofile(self, path, **_):
+            written.append(self.film)
+
+    for name in ("moviepy", "moviepy.video", "moviepy.video.io", "moviepy.video.io.ImageSequenceClip"):
+        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+    sys.modules["moviepy.video.io.ImageSequenceClip"].ImageSequenceClip = Clip
+    return written

@@ -55,7 +55,7 @@ ONE_CAR = ("telemetry", "render_mode")
 OF_MAKERS = (
     *("id", "env_id", "num_envs", "max_episode_steps", "vectorization_mode", "vector_kwargs", "wrappers", "seed"),
     *("disable_env_checker", "autoreset_mode", "staggered_start", "on_invalid", "dtype", "threads", "device"),
-    *("compile", "varied", "telemetry", "render_mode"),
+    *("compile", "varied", "telemetry", "render_mode", "render_rows"),
 )
 """Keywords of what makes environments: of ``gym.make``, ``gym.make_vec`` and ``TorchVectorEnv``."""
 

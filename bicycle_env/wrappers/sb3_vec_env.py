@@ -56,6 +56,7 @@ class SB3VecEnv(VecEnv):
         self.info: Mapping[str, Any] = {}
         self._actions: Any = None
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self.metadata |= {name: env.metadata[name] for name in ("render_fps",) if name in env.metadata}
 
     def set_options(self, options: Any = None) -> None:
         """Options of the next reset: one mapping for all rows, in which values may be arrays (num_envs,)."""
@@ -118,7 +119,9 @@ class SB3VecEnv(VecEnv):
         self.env.close()
 
     def get_images(self) -> list[Any]:
-        return list(self.env.render() or [None] * self.num_envs)
+        """Of the rows that are drawn."""
+        images = self.env.render() or [None] * self.num_envs
+        return [images[row] for row in getattr(self.env.unwrapped, "render_rows", range(self.num_envs))]
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         env: Any = self.env.unwrapped

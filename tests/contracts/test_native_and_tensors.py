@@ -24,7 +24,7 @@ def both(env_id=STAB, **keywords):
 
 def test_a_keyword_of_both_has_one_default():
     native, tensors = (inspect.signature(one).parameters for one in (SingleTrackVectorEnv, TorchVectorEnv))
-    assert native.keys() - tensors.keys() == {"threads", "render_mode", "keywords"}
+    assert native.keys() - tensors.keys() == {"threads", "render_mode", "render_rows", "keywords"}
     assert tensors.keys() - native.keys() == {"env_id", "device", "compile", "env_keywords"}
     for name in native.keys() & tensors.keys():
         assert native[name].default == tensors[name].default, name

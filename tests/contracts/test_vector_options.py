@@ -249,7 +249,7 @@ def test_the_limits_of_the_steer_angles_are_those_of_the_actuators():
         ({"on_invalid": "ignore"}, ValueError, "on_invalid must be one of 'raise', 'terminate'"),
         ({"staggered_start": 1}, TypeError, "staggered_start must be True or False"),
         ({"telemetry": "yes"}, TypeError, "telemetry must be True or False"),
-        ({"render_mode": "rgb_array"}, ValueError, "render_mode must be None"),
+        ({"render_mode": "human"}, ValueError, "render_mode must be one of 'rgb_array', got 'human'"),
         ({"friktion": 0.5}, TypeError, "unknown keyword 'friktion'; did you mean 'friction'"),
         ({"staggered": True}, TypeError, "unknown keyword 'staggered'; did you mean 'staggered_start'"),
         ({"friction": GRADIENT}, TypeError, "friction must be one number or num_envs = 6 of them, got tensor"),

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import NormalizeReward, RecordEpisodeStatistics
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize, VecVideoRecorder
 
 import bicycle_env  # noqa: F401
 from bicycle_env.registration import ENVIRONMENTS
@@ -379,3 +379,23 @@ def test_success_is_recorded_at_the_end_and_not_at_the_beginning():
         *_, truncated, info = env.step(np.zeros(2, np.float32))
     assert truncated
     assert info["is_success"] is True
+
+
+# Films
+
+
+def test_it_is_recorded(films, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    many = native(render_mode="rgb_array", render_rows=(0, 1))
+    env = VecVideoRecorder(many, str(tmp_path), record_video_trigger=lambda step: step == 0, video_length=2)
+    env.reset()
+    for action in actions(3):
+        env.step(action)
+    ((frames, fps),) = films
+    assert (len(frames), fps) == (3, 50)
+    height, width, _ = many.env.render()[0].shape
+    assert frames[0].shape == (2 * height, width, 3)
+    assert frames[0][:height].any()
+    assert frames[0][height:].any()
+    assert np.any(frames[0] != frames[2])
+    env.close()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.envs.fleet import ConfiguredFleet, configure_fleet
 from bicycle_env.envs.many import block_kernels, blocks
+from bicycle_env.envs.many.drawn_rows import RENDER_MODES, DrawnRows
 from bicycle_env.envs.many.generators import Generators, checked_seeds
 from bicycle_env.envs.many.rows import Rows, VectorSnapshot, checked_cars, checked_mask, checked_start
 from bicycle_env.envs.many.threads import Threads
@@ -31,7 +32,7 @@ INT8 = np.dtype(np.int8)
 MOST_THREADS = 1024
 
 
-class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any]):
+class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any, Any, Any]):
     """Base of the vector environments; the subclasses name a task.
 
     Row i is, to the bit, the single environment that was seeded with ``seed + i``, for any number of rows and threads.
@@ -54,7 +55,8 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         telemetry: more in ``info``.
         varied: each car has numbers of its own, which the options ``vehicle``, ``speed`` and ``friction`` of ``reset``
             may change. So it is in any case where a keyword is given per car.
-        render_mode: must be None: draw with a single environment.
+        render_mode: None, or "rgb_array": ``render()`` gives pictures of the rows in `render_rows`.
+        render_rows: which rows are drawn; the others' pictures are black.
         keywords: those of the single environment. vehicle, speed, speed_ratio, friction and
             relaxation_length take one value or num_envs.
 
@@ -63,6 +65,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
     A mask ``_name`` beside each ``name`` says of which rows it tells.
     """
 
+    metadata: dict[str, Any] = {**ConfiguredFleet.metadata, "render_modes": [*RENDER_MODES]}  # noqa: RUF012
     single_class: ClassVar[type[SingleTrackEnv]]
     threads = Told[int]()
 
@@ -85,6 +88,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         telemetry: bool = False,
         varied: bool = False,
         render_mode: str | None = None,
+        render_rows: Sequence[int] = (0,),
         **keywords: Any,
     ) -> None:
         own = [name for name in inspect.signature(SingleTrackVectorEnv).parameters if name != "keywords"]
@@ -92,10 +96,10 @@ class SingleTrackVectorEnv(ConfiguredFleet, gym.vector.VectorEnv[Any, Any, Any])
         steps = self.single_class.default_task.episode_steps if max_episode_steps is None else max_episode_steps
         limit = self._adopt_options(num_envs, steps, autoreset_mode, dtype, staggered_start, on_invalid, telemetry)
         tell(self, threads=whole("threads", threads, 1, MOST_THREADS))
-        if render_mode is not None:
-            raise ValueError(f"render_mode must be None for many cars (draw one by gym.make), got {render_mode!r}")
+        self._adopt_pictures(render_mode, render_rows, self.num_envs)
         origin = origin_of(self.single_class.default_task, keywords, limit)
         self._adopt_fleet(configure_fleet(origin, self.num_envs, flag("varied", varied)))
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.action_timestep))}
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         entries = len(self.observation_names)
