@@ -95,6 +95,7 @@ FEATURES: dict[str, Names] = {
         "tasks/task.py": "Task.metrics",
         "tasks/lane_change.py": "LaneChange.metrics overshoot settling_time",
     },
+    "pictures of many cars": {"envs/many/drawn_rows.py": "*"},
     "pictures of a task": {"tasks/marks.py": "*", "tasks/task.py": "History Task.histories Task.marks"},
     "a task's own command, conditions, memory, companions, end, success, cost": {
         "tasks/task.py": (

@@ -10,7 +10,7 @@ import numpy as np
 from bicycle_env.physics.validation import number, positive
 from bicycle_env.plots import style
 from bicycle_env.plots.runs import Columns, Road, columns
-from bicycle_env.plots.style import BLACK, ICE, ORANGE, LineStyle, dress, line_style
+from bicycle_env.plots.style import BLACK, ORANGE, PATCHES, LineStyle, dress, line_style
 
 AREA = 50.0
 """m: the edges of what is wider are not drawn."""
@@ -186,8 +186,8 @@ def _draw_road(axes: Any, driven: list[Columns], roads: list[Road], edges: list[
     of_kinds = {}
     for mark in (mark for road in roads for mark in road.marks):
         x, y = zip(*mark.points, strict=True)
-        if mark.kind == "ice":
-            (of_kinds["ice"],) = axes.fill(x, y, color=ICE, label="ice", zorder=0)
+        if mark.kind in PATCHES:
+            (of_kinds[mark.kind],) = axes.fill(x, y, color=PATCHES[mark.kind], label=mark.kind, zorder=0)
         else:
             (of_kinds["cones"],) = axes.plot(x, y, "^", color=ORANGE, markersize=4, label="cones")
     handles += of_kinds.values()

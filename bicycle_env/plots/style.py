@@ -19,7 +19,8 @@ from bicycle_env.physics.vehicle import Vehicle
 # Okabe and Ito's palette, readable by the colour-blind.
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PINK, SKY, YELLOW, GREY, BLACK = "#CC79A7", "#56B4E9", "#F0E442", "#999999", "#000000"
-ICE = "#C6DBE7"
+PATCHES = {"ice": "#C6DBE7", "obstacle": "#D9C2B4"}
+"""Colours of what covers a part of the road, by kind."""
 DOTS_PER_INCH = 130
 
 

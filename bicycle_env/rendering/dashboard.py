@@ -11,6 +11,7 @@ from bicycle_env.rendering import painting as p
 from bicycle_env.rendering.corridor import Point
 from bicycle_env.rendering.painting import Colour, pygame
 from bicycle_env.rendering.scene import Arrow, Scene, arrow_outline, is_saturated
+from bicycle_env.rendering.told import in_words
 
 BACKGROUND: Colour = (20, 22, 26)
 RULER: Colour = (34, 37, 42)
@@ -19,6 +20,10 @@ FAINT: Colour = (150, 154, 160)
 GROOVE: Colour = (58, 62, 68)
 
 GAUGE_WIDTH = 132
+ROW = 20
+"""Pixels from a number to the next."""
+LEGEND_ROW = 17
+LEGEND_ROWS = 5
 SCALE_BAR = 5.0
 """m."""
 LIMIT_MARGIN = 1.18
@@ -51,8 +56,14 @@ class Reading(NamedTuple):
     end: str
     """Why the episode has ended; empty while it runs."""
     settled: bool
-    beside: Mapping[str, str]
-    """By the quantity's name, what the task wants of it, in words."""
+    beside: Mapping[str, tuple[str, float]]
+    """By the quantity's name, what the task or the driver wants of it: who, and how much."""
+    front_steer_command: float
+    rear_steer_command: float
+    gust: float
+    """Force to the left, N."""
+    drawn: Sequence[str]
+    """What of this episode was drawn and is not to be seen, in words."""
 
 
 @functools.cache
@@ -91,20 +102,38 @@ def paint_ruler(surface: Any, scene: Scene, scale: float, area: Any) -> None:
             write(surface, f"{metre} m", (x, area.top + 16), 18, anchor="center")
 
 
+def paint_drawn(surface: Any, reading: Reading, area: Any) -> None:
+    """What was drawn for this episode, as much of it as has room."""
+    if reading.drawn:
+        words = fitted(("drawn for this episode:", *reading.drawn), 19, area.width)
+        write(surface, words, (area.left, area.centery), 19, FAINT)
+
+
+def fitted(parts: Sequence[str], size: int, width: int) -> str:
+    """The parts in one line, as many as there is room for in a width [pixels], and how many are left out."""
+    for kept in range(len(parts), 0, -1):
+        left = [f"{len(parts) - kept} more"] if kept < len(parts) else []
+        words = ", ".join([*parts[:kept], *left]).replace(":,", ":", 1)
+        if _font(2 * size).size(words)[0] <= 2 * width:
+            break
+    return words
+
+
 def paint_numbers(surface: Any, reading: Reading, area: Any) -> None:
     """The table of numbers."""
+    wind = f", gust {reading.gust:+.0f} N" if reading.gust else ""
     rows = [
         ("speed", f"{reading.speed:.1f} m/s = {3.6 * reading.speed:.0f} km/h"),
         ("speed ratio", against_critical(reading.speed, reading.critical_speed)),
         ("tire", f"{reading.tire}, friction {reading.friction:.2f}"),
-        ("time", f"{reading.time:.2f} s"),
+        ("time", f"{reading.time:.2f} s{wind}"),
         ("sideslip", f"{_degrees(reading.sideslip)}°"),
-        ("yaw rate", f"{_degrees(reading.yaw_rate)}°/s{reading.beside.get('yaw_rate', '')}"),
-        ("front steer", f"{_degrees(reading.front_steer)}°{reading.beside.get('front_steer', '')}"),
+        ("yaw rate", f"{_degrees(reading.yaw_rate)}°/s{_beside(reading, 'yaw_rate')}"),
+        ("front steer", f"{_degrees(reading.front_steer)}°{_beside(reading, 'front_steer')}"),
         ("rear steer", f"{_degrees(reading.rear_steer)}°"),
     ]
     for k, (name, value) in enumerate(rows):
-        y = area.top + 13 + 22 * k
+        y = area.top + 10 + ROW * k
         write(surface, name, (area.left, y), 22, FAINT)
         write(surface, value, (area.left + 96, y), 22)
     word, colour = ("running", TEXT)
@@ -112,35 +141,38 @@ def paint_numbers(surface: Any, reading: Reading, area: Any) -> None:
         word, colour = f"ended: {in_words(reading.end)}", p.YELLOW
     elif reading.settled:
         word, colour = "settled, running straight", p.SKY_BLUE
-    y = area.top + 13 + 22 * len(rows)
+    y = area.top + 10 + ROW * len(rows)
     write(surface, "episode", (area.left, y), 22, FAINT)
     write(surface, word, (area.left + 96, y), 22, colour)
 
 
 def paint_gauges(surface: Any, reading: Reading, area: Any) -> None:
-    """Steer angles between their limits, left steer to the left; below them how much of its grip each axle uses."""
-    write(surface, "L", (area.left + 100, area.top + 8), 18, FAINT, "center")
-    write(surface, "steer", (area.left + 110 + GAUGE_WIDTH / 2, area.top + 8), 18, FAINT, "center")
-    write(surface, "R", (area.left + 120 + GAUGE_WIDTH, area.top + 8), 18, FAINT, "center")
+    """Steer angles between their limits, left steer to the left, and a tip at what is commanded; below them how much of
+    its grip each axle uses."""
+    write(surface, "L", (area.left + 100, area.top + 5), 18, FAINT, "center")
+    write(surface, "steer (tip: command)", (area.left + 110 + GAUGE_WIDTH / 2, area.top + 5), 18, FAINT, "center")
+    write(surface, "R", (area.left + 120 + GAUGE_WIDTH, area.top + 5), 18, FAINT, "center")
     steers = (
-        ("front", reading.front_steer, reading.front_steer_limit),
-        ("rear", reading.rear_steer, reading.rear_steer_limit),
+        ("front", reading.front_steer, reading.front_steer_limit, reading.front_steer_command),
+        ("rear", reading.rear_steer, reading.rear_steer_limit, reading.rear_steer_command),
     )
-    for k, (name, steer, limit) in enumerate(steers):
-        y = area.top + 20 + 20 * k
+    for k, (name, steer, limit, command) in enumerate(steers):
+        y = area.top + 17 + 19 * k
         groove = _groove(surface, name, f"±{math.degrees(limit):.0f}°", area.left, y)
-        reach = round(0.5 * GAUGE_WIDTH * min(max(steer / limit, -1.0), 1.0))
+        reach, tip = (round(0.5 * GAUGE_WIDTH * min(max(part / limit, -1.0), 1.0)) for part in (steer, command))
         bar = pygame.Rect(groove.centerx - max(reach, 0), groove.top, abs(reach), groove.height)
         pygame.draw.rect(surface, p.SKY_BLUE, bar)
         pygame.draw.line(surface, TEXT, (groove.centerx, groove.top - 2), (groove.centerx, groove.bottom + 1))
-    write(surface, "grip used", (area.left + 110 + GAUGE_WIDTH / 2, area.top + 70), 18, FAINT, "center")
+        x = groove.centerx - tip
+        pygame.draw.polygon(surface, TEXT, ((x, groove.top - 1), (x - 4, groove.top - 6), (x + 4, groove.top - 6)))
+    write(surface, "grip used", (area.left + 110 + GAUGE_WIDTH / 2, area.top + 58), 18, FAINT, "center")
     forces = (
         ("front", reading.front_force, reading.front_grip),
         ("rear", reading.rear_force, reading.rear_grip),
     )
     for k, (name, force, grip) in enumerate(forces):
         used = abs(force) / grip
-        y = area.top + 82 + 20 * k
+        y = area.top + 66 + 17 * k
         groove = _groove(surface, name, f"{100.0 * used:.0f} %", area.left, y)
         colour = p.SATURATED_FORCE if is_saturated(force, grip) else p.FORCE
         width = round(GAUGE_WIDTH * min(used, 1.0))
@@ -148,34 +180,60 @@ def paint_gauges(surface: Any, reading: Reading, area: Any) -> None:
 
 
 def paint_legend(surface: Any, scene: Scene, scale: float, area: Any) -> None:
-    """What the arrows and lines on the road mean, and the scale bar."""
+    """What the arrows, lines and patches on the road mean, and the scale bar."""
 
-    def arrow(x: float, y: float, colour: Colour) -> None:
-        outline = arrow_outline(Arrow((x, y), (x + 30.0, y)), 5.0)
-        pygame.draw.polygon(surface, colour, outline)
+    def arrow(colour: Colour) -> Any:
+        def paint(x: float, y: float) -> None:
+            pygame.draw.polygon(surface, colour, arrow_outline(Arrow((x, y), (x + 30.0, y)), 5.0))
 
-    top, second = area.top + 10, area.left + 200
-    arrow(area.left, top, p.FORCE)
-    write(surface, "lateral force of an axle", (area.left + 38, top), 19)
-    arrow(area.left, top + 20, p.SATURATED_FORCE)
-    write(surface, "the same, grip used up", (area.left + 38, top + 20), 19)
-    arrow(area.left, top + 40, p.TRAVEL)
-    write(surface, "direction of travel", (area.left + 38, top + 40), 19)
-    for x in (second, second + 18):
-        pygame.draw.line(surface, p.PATH, (x, top), (x + 11, top), 3)
-    write(surface, "path to follow", (second + 38, top), 19)
-    pygame.draw.line(surface, p.TRAIL, (second, top + 20), (second + 29, top + 20), 2)
-    write(surface, "path driven", (second + 38, top + 20), 19)
-    if scene.target_lane or scene.ice:  # there is room for one
-        colour, words = (p.TARGET, "target lane") if scene.target_lane else (p.ICE, "ice")
-        pygame.draw.rect(surface, colour, (second, top + 33, 30, 14))
-        pygame.draw.rect(surface, FAINT, (second, top + 33, 30, 14), 1)
-        write(surface, words, (second + 38, top + 40), 19)
-    y, end = top + 59, area.left + round(SCALE_BAR * scale)
+        return paint
+
+    def patch(colour: Colour) -> Any:
+        def paint(x: float, y: float) -> None:
+            pygame.draw.rect(surface, colour, (x, y - 6, 30, 12))
+            pygame.draw.rect(surface, FAINT, (x, y - 6, 30, 12), 1)
+
+        return paint
+
+    def dashes(x: float, y: float) -> None:
+        for begin in (x, x + 18):
+            pygame.draw.line(surface, p.PATH, (begin, y), (begin + 11, y), 3)
+
+    def line(x: float, y: float) -> None:
+        pygame.draw.line(surface, p.TRAIL, (x, y), (x + 29, y), 2)
+
+    def cones(x: float, y: float) -> None:
+        pygame.draw.circle(surface, p.CONE, (x + 7, y), 4)
+        pygame.draw.circle(surface, p.STRUCK, (x + 22, y), 6)
+
+    def outside(x: float, y: float) -> None:
+        pygame.draw.circle(surface, p.OUTSIDE, (x + 15, y), 4)
+
+    left = [
+        (arrow(p.FORCE), "lateral force of an axle"),
+        (arrow(p.SATURATED_FORCE), "the same, grip used up"),
+        (arrow(p.TRAVEL), "direction of travel"),
+        *([(arrow(p.GUST), "gust")] if scene.gust.start != scene.gust.end else []),
+    ]
+    right = [
+        (dashes, "reference path"),
+        (line, "path driven"),
+        *([(patch(p.TARGET), "target lane")] if scene.target_lane else []),
+        *([(patch(p.ICE), "ice")] if scene.ice else []),
+        *([(patch(p.OBSTACLE), "obstacle")] if scene.obstacles else []),
+        *([(cones, "cone; hit")] if scene.cones or scene.struck else []),
+        *([(outside, "corner outside")] if scene.outside else []),
+    ]
+    for column, x in ((left, area.left), (right, area.left + 200)):
+        for k, (paint, words) in enumerate(column[:LEGEND_ROWS]):
+            y = area.top + 8 + LEGEND_ROW * k
+            paint(x, y)
+            write(surface, words, (x + 38, y), 19)
+    y, end = area.top + 8 + LEGEND_ROW * (LEGEND_ROWS - 1), area.left + round(SCALE_BAR * scale)
     pygame.draw.line(surface, TEXT, (area.left, y), (end, y), 2)
     for x in (area.left, end):
         pygame.draw.line(surface, TEXT, (x, y - 4), (x, y + 5))
-    write(surface, f"{SCALE_BAR:g} m, along and across", (end + 8, y), 19)
+    write(surface, f"{SCALE_BAR:g} m", (end + 8, y), 19)
 
 
 def paint_phase_plane(surface: Any, reading: Reading, history: Sequence[Point], area: Any) -> None:
@@ -236,9 +294,11 @@ def _groove(surface: Any, name: str, value: str, left: int, y: int) -> Any:
     return groove
 
 
-def in_words(end: str) -> str:
-    """An end as words: "left_lane" must not be read as the lane on the left."""
-    return end.replace("left_", "left the ").replace("_", " ")
+def _beside(reading: Reading, quantity: str) -> str:
+    if quantity not in reading.beside:
+        return ""
+    who, value = reading.beside[quantity]
+    return f" ({who} {round(math.degrees(value), 1) + 0.0:+.1f})"
 
 
 def _degrees(angle: float) -> str:

@@ -33,6 +33,8 @@ BLACK: Colour = (12, 13, 15)
 ASPHALT: Colour = (56, 59, 64)
 TARGET: Colour = (40, 66, 100)
 ICE: Colour = (150, 180, 196)
+OBSTACLE: Colour = (96, 70, 58)
+TUFT: Colour = (84, 88, 94)
 CONE: Colour = (230, 159, 0)
 VERGE: Colour = (128, 139, 120)
 VERGE_STRIPE: Colour = (118, 129, 111)
@@ -40,13 +42,16 @@ GLASS: Colour = (22, 40, 54)
 HEADLIGHT: Colour = (255, 250, 205)
 
 FORCE, SATURATED_FORCE, TRAVEL, PATH, CAR, TRAIL = YELLOW, VERMILLION, PURPLE, GREEN, SKY_BLUE, SKY_BLUE
+GUST, STRUCK, OUTSIDE = WHITE, VERMILLION, VERMILLION
 
 FINENESS = 2
 """The road is painted this many times as large and then reduced, which smooths all edges."""
 FORCE_WIDTH, TRAVEL_WIDTH, PATH_WIDTH, TRAIL_WIDTH = 0.22, 0.13, 0.17, 0.09
 """m."""
-CONE_RADIUS = 0.18
+GUST_WIDTH = 0.4
 """m."""
+CONE_RADIUS, STRUCK_RADIUS = 0.18, 0.4
+"""m; larger where it was hit, to be seen beside the others."""
 
 
 class View(NamedTuple):
@@ -87,6 +92,7 @@ def paint_road(scene: Scene, width: int, height: int) -> Any:
     _fill(surface, view, scene.verge_stripes, VERGE_STRIPE)
     _fill(surface, view, scene.posts, WHITE)
     _fill(surface, view, (scene.corridor,), ASPHALT)
+    _fill(surface, view, scene.tufts, TUFT)
     if scene.target_lane:
         _fill(surface, view, (scene.target_lane,), TARGET)
     if scene.ice:  # on the road, not beside it
@@ -97,15 +103,25 @@ def paint_road(scene: Scene, width: int, height: int) -> Any:
         ice.set_colorkey((0, 0, 0))
         surface.blit(ice, (0, 0))
     _fill(surface, view, (*scene.road_edges, *scene.lane_dashes), WHITE)
-    for cone in map(view.pixel, scene.cones):
-        pygame.draw.circle(surface, CONE, cone, CONE_RADIUS * view.scale)
+    for obstacle in scene.obstacles:
+        _fill(surface, view, (obstacle,), OBSTACLE)
+        _outline(surface, view, obstacle, WHITE, 0.15)
     for dash in scene.path_dashes:
         _stroke(surface, view, dash, PATH, PATH_WIDTH)
+    for cone in map(view.pixel, scene.cones):
+        pygame.draw.circle(surface, CONE, cone, CONE_RADIUS * view.scale)
     _stroke(surface, view, (*scene.trail, scene.centre_of_mass), TRAIL, TRAIL_WIDTH)
     _paint_car(surface, view, scene)
     _paint_arrow(surface, view, scene.travel, TRAVEL, TRAVEL_WIDTH)
     for force in (scene.front_force, scene.rear_force):
         _paint_arrow(surface, view, force, SATURATED_FORCE if force.saturated else FORCE, FORCE_WIDTH)
+    _paint_arrow(surface, view, scene.gust, GUST, GUST_WIDTH)
+    for cone in map(view.pixel, scene.struck):
+        pygame.draw.circle(surface, BLACK, cone, (STRUCK_RADIUS + 0.1) * view.scale)
+        pygame.draw.circle(surface, STRUCK, cone, STRUCK_RADIUS * view.scale)
+    for point in map(view.pixel, scene.outside):
+        pygame.draw.circle(surface, BLACK, point, 0.22 * view.scale)
+        pygame.draw.circle(surface, OUTSIDE, point, 0.15 * view.scale)
     x, y = view.pixel(scene.centre_of_mass)
     pygame.draw.circle(surface, BLACK, (x, y), 0.16 * view.scale)
     pygame.draw.circle(surface, WHITE, (x, y), 0.10 * view.scale)

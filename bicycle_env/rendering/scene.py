@@ -6,6 +6,7 @@ the car, its wheels and their steer angles are to scale. A mirrored state gives 
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -13,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_env.physics.car import CarState
-from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.car import CarParameters, CarState
+from bicycle_env.physics.elementary import NUMPY, PYTHON
 from bicycle_env.physics.lateral import path_rates
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.rendering.corridor import Corridor, Point, Shape, corridor
-from bicycle_env.tasks.episode import World
+from bicycle_env.tasks.episode import EpisodeState, World
 from bicycle_env.tasks.marks import checked
 from bicycle_env.tasks.task import Task
 
@@ -34,6 +35,10 @@ SATURATED = 0.95
 """An axle counts as saturated from this part of friction x static axle load on."""
 COURSE_ARROW = 2.2
 """How far the arrow of the direction of travel reaches beyond the front of the car, m."""
+GUST_ARROW, LONGEST_GUST = 1.5e-3, 4.0
+"""Length of a gust's arrow, m per N, and at most, m."""
+TUFT, TUFT_PERIOD = (0.8, 0.12), 6.0
+"""Of the marks on an area, which show that the car moves: length and width, and from one to the next, m."""
 TIRE_LENGTH, TIRE_WIDTH = 0.66, 0.22
 LINE_WIDTH = 0.15
 DASH, DASH_PERIOD = 3.0, 9.0
@@ -94,12 +99,20 @@ class Scene(NamedTuple):
     """Empty unless the task is to change lanes."""
     road_edges: tuple[Shape, ...]
     lane_dashes: tuple[Shape, ...]
+    tufts: tuple[Shape, ...]
+    """On an area, which has no edges in sight."""
     ice: tuple[Shape, ...]
+    obstacles: tuple[Shape, ...]
     cones: Shape
+    """Those that stand."""
+    struck: Shape
+    """Those that the body has touched."""
     path_dashes: tuple[Shape, ...]
     """Open polylines along the reference path."""
     trail: Shape
     body: Shape
+    outside: Shape
+    """Of the points of the body that are judged, those outside of the corridor."""
     windscreen: Shape
     rear_window: Shape
     headlights: tuple[Shape, Shape]
@@ -111,10 +124,14 @@ class Scene(NamedTuple):
     rear_force: Arrow
     travel: Arrow
     """From the centre of mass, in the direction in which it moves."""
+    gust: Arrow
+    """To the side of the body; without length where no wind blows."""
     centre_of_mass: Point
 
 
-def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Iterable[Point] = ()) -> Scene:
+def build_scene(
+    setup: Setup, state: Any, measured: dict[str, float], trail: Iterable[Point] = (), struck: Iterable[Point] = ()
+) -> Scene:
     """The scene of one moment.
 
     Args:
@@ -122,6 +139,7 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
         state: ``env.unwrapped.state``, SI.
         measured: ``env.unwrapped.measure()``, SI.
         trail: earlier places of the centre of mass, oldest first, m.
+        struck: cones that were hit before.
     """
     vehicle = setup.vehicle
     x, y = state.longitudinal_position, state.lateral_position
@@ -135,7 +153,9 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
     front = (vehicle.cg_to_front, vehicle.front_half_track, state.front_steer)
     rear = (-vehicle.cg_to_rear, vehicle.rear_half_track, state.rear_steer)
 
-    marks = checked(setup.task.marks(_task_state(setup, state), setup.world))
+    marks = checked(setup.task.marks(task_state(setup.task, state), setup.world))
+    cones = [point for mark in marks if mark.kind == "cones" for point in mark.points]
+    hit = {*struck, *(cone for cone in cones if _touches(frame, vehicle, cone))}
     return Scene(
         left=left,
         right=right,
@@ -155,11 +175,15 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
         )
         if changes_lane
         else (),
+        tufts=_tufts(left, right, middle, half_height) if measured["reference_road_half_width"] > AREA else (),
         ice=tuple(mark.points for mark in marks if mark.kind == "ice"),
-        cones=tuple(point for mark in marks if mark.kind == "cones" for point in mark.points),
+        obstacles=tuple(mark.points for mark in marks if mark.kind == "obstacle"),
+        cones=tuple(cone for cone in cones if cone not in hit),
+        struck=tuple(cone for cone in cones if cone in hit),
         path_dashes=_path(setup, state, left, right),
         trail=tuple(point for point in trail if left - width <= point[0] <= right + width),
         body=frame.closed(_scaled(_BODY, vehicle)),
+        outside=_outside(setup, state, frame),
         windscreen=frame.closed(_scaled(_WINDSCREEN, vehicle)),
         rear_window=frame.closed(_scaled(_REAR_WINDOW, vehicle)),
         headlights=frame.pair(_scaled(_HEADLIGHT, vehicle)),
@@ -172,8 +196,26 @@ def build_scene(setup: Setup, state: Any, measured: dict[str, float], trail: Ite
         front_force=_force(frame, front[0], front[2], measured["front_lateral_force"], setup.front_grip),
         rear_force=_force(frame, rear[0], rear[2], measured["rear_lateral_force"], setup.rear_grip),
         travel=_travel(setup, state),
+        gust=_gust(frame, vehicle, *side_wind(setup, state)),
         centre_of_mass=(x, y),
     )
+
+
+def side_wind(setup: Setup, state: Any) -> tuple[float, float]:
+    """Force to the left [N] and yaw moment [N m] of a gust at this moment."""
+    law = _conditions(setup.task)
+    if law is None:
+        return 0.0, 0.0
+    commands = state.front_steer_command, state.rear_steer_command
+    step = setup.world.rules.control_timestep
+    episode = EpisodeState(*commands, state.time / step, 0.0, task_state(setup.task, state))
+    car: CarParameters = law(CarState(*state[: len(CarState._fields)]), episode, state.time, setup.world)
+    return float(car.side_force), float(car.yaw_moment)
+
+
+@functools.lru_cache(maxsize=8)
+def _conditions(task: Task) -> Any:
+    return task.conditions(PYTHON)
 
 
 def rectangle(x0: float, x1: float, y0: float, y1: float) -> Shape:
@@ -210,6 +252,11 @@ class _Frame(NamedTuple):
         cosine, sine = math.cos(self.heading), math.sin(self.heading)
         return (self.x + (cosine * u - sine * v), self.y + (sine * u + cosine * v))
 
+    def seen(self, point: Point) -> Point:
+        """A point of the road, ahead and to the left of the centre of mass."""
+        cosine, sine, dx, dy = math.cos(self.heading), math.sin(self.heading), point[0] - self.x, point[1] - self.y
+        return (cosine * dx + sine * dy, cosine * dy - sine * dx)
+
     def closed(self, half: Sequence[Point]) -> Shape:
         """A half outline and its mirror image."""
         return tuple(self.place(u, v) for u, v in half) + tuple(self.place(u, -v) for u, v in reversed(half))
@@ -234,6 +281,42 @@ def _force(frame: _Frame, along: float, steer: float, force: float, grip: float)
     length = GRIP_ARROW * min(max(force / grip, -LONGEST_ARROW), LONGEST_ARROW)
     end = frame.place(along - math.sin(steer) * length, math.cos(steer) * length)
     return Arrow(frame.place(along, 0.0), end, is_saturated(force, grip))
+
+
+def _gust(frame: _Frame, vehicle: Vehicle, force: float, moment: float) -> Arrow:
+    """Towards the side of the body, where the gust pushes; no length where there is none."""
+    if force == 0.0:
+        return Arrow(frame.place(0.0, 0.0), frame.place(0.0, 0.0))
+    length = max(-LONGEST_GUST, min(force * GUST_ARROW, LONGEST_GUST))
+    arm, side = moment / force, -math.copysign(0.5 * vehicle.body_width, force)
+    return Arrow(frame.place(arm, side - length), frame.place(arm, side))
+
+
+def _touches(frame: _Frame, vehicle: Vehicle, cone: Point) -> bool:
+    """Whether the body is over the middle of a cone: the line through these is what tasks judge."""
+    ahead, aside = frame.seen(cone)
+    return -vehicle.rear_extent < ahead < vehicle.front_extent and abs(aside) < 0.5 * vehicle.body_width
+
+
+def _outside(setup: Setup, state: Any, frame: _Frame) -> Shape:
+    vehicle, task = setup.vehicle, setup.task
+    half, count = 0.5 * vehicle.body_width, 2 if task.uniform_corridor else task.judged_points
+    along = np.linspace(vehicle.front_extent, -vehicle.rear_extent, count).tolist()
+    points = [frame.place(u, side) for u in along for side in (half, -half)]
+    x, y = np.array(points).T
+    there = _reference(setup, state, x)
+    beyond = np.broadcast_to(abs(y - there.road_centre) > there.road_half_width, x.shape)
+    return tuple(point for point, out in zip(points, beyond.tolist(), strict=True) if out)
+
+
+def _tufts(left: float, right: float, middle: float, half_height: float) -> tuple[Shape, ...]:
+    length, width = TUFT
+    rows = range(math.ceil((middle - half_height) / TUFT_PERIOD), math.floor((middle + half_height) / TUFT_PERIOD) + 1)
+    return tuple(
+        rectangle(begin, begin + length, row * TUFT_PERIOD - 0.5 * width, row * TUFT_PERIOD + 0.5 * width)
+        for begin in _anchored(left, right, TUFT_PERIOD, length)
+        for row in rows
+    )
 
 
 def _travel(setup: Setup, state: Any) -> Arrow:
@@ -287,11 +370,12 @@ def _posts(road: Corridor, begin: float) -> tuple[Shape, Shape]:
 def _reference(setup: Setup, state: Any, xs: NDArray[Any]) -> Any:
     """The task's reference at other places along the road."""
     car = CarState(*state[: len(CarState._fields)])._replace(longitudinal_position=xs)
-    return setup.task.reference(NUMPY)(car, _task_state(setup, state), setup.world)
+    return setup.task.reference(NUMPY)(car, task_state(setup.task, state), setup.world)
 
 
-def _task_state(setup: Setup, state: Any) -> Any:
-    record = setup.task.TaskState
+def task_state(task: Task, state: Any) -> Any:
+    """What of a state is the task's own."""
+    record = task.TaskState
     return record(*state[len(state) - len(record._fields) :])
 
 

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.rendering import dashboard
+from bicycle_env.rendering.corridor import Shape
 from bicycle_env.rendering.dashboard import BACKGROUND, Reading
 from bicycle_env.rendering.painting import paint_road, pixels_per_metre, pygame
-from bicycle_env.rendering.scene import Scene, Setup, build_scene
+from bicycle_env.rendering.scene import Scene, Setup, build_scene, side_wind, task_state
+from bicycle_env.rendering.told import drawn_in_words
 from bicycle_env.tasks.episode import World
 
 WIDTH, HEIGHT = 960, 540
 ROAD_HEIGHT = 308
 """Pixels at the top of a frame that show the road; they hold no text while the episode runs."""
 RULER_HEIGHT = 26
+DRAWN_HEIGHT = 20
+"""Of the line that says what was drawn."""
 
 
 class _Moment(NamedTuple):
@@ -27,6 +30,8 @@ class _Moment(NamedTuple):
     place: tuple[float, float]
     phase: tuple[float, float]
     """Sideslip, yaw rate."""
+    struck: Shape
+    """Cones that have been hit until then."""
 
 
 class Viewer:
@@ -68,10 +73,11 @@ class Viewer:
         surface.blit(paint_road(scene, WIDTH, ROAD_HEIGHT), (0, 0))
         scale = pixels_per_metre(scene, ROAD_HEIGHT)
         dashboard.paint_ruler(surface, scene, scale, pygame.Rect(0, ROAD_HEIGHT, WIDTH, RULER_HEIGHT))
-        top = ROAD_HEIGHT + RULER_HEIGHT
+        top = ROAD_HEIGHT + RULER_HEIGHT + DRAWN_HEIGHT
+        dashboard.paint_drawn(surface, reading, pygame.Rect(16, top - DRAWN_HEIGHT, WIDTH - 32, DRAWN_HEIGHT))
         dashboard.paint_numbers(surface, reading, pygame.Rect(16, top, 320, HEIGHT - top))
-        dashboard.paint_gauges(surface, reading, pygame.Rect(328, top + 2, 330, 120))
-        dashboard.paint_legend(surface, scene, scale, pygame.Rect(328, top + 126, 330, 80))
+        dashboard.paint_gauges(surface, reading, pygame.Rect(328, top, 330, 100))
+        dashboard.paint_legend(surface, scene, scale, pygame.Rect(328, top + 102, 330, 84))
         history = [moment.phase for moment in self._history]
         dashboard.paint_phase_plane(surface, reading, history, pygame.Rect(676, top + 2, 278, HEIGHT - top - 2))
         if reading.end:
@@ -86,12 +92,13 @@ class Viewer:
         setup = setup_of(env)._replace(**grip)
         # restore() may have gone back in time
         self._history = [moment for moment in self._history if moment.time < state.time]
-        scene = build_scene(setup, state, measured, [moment.place for moment in self._history])
+        struck = self._history[-1].struck if self._history else ()
+        scene = build_scene(setup, state, measured, [moment.place for moment in self._history], struck)
         reading = Reading(
             speed=measured["speed"],
             critical_speed=car.vehicle.critical_speed,
             tire=type(env.tire).__name__,
-            friction=car.friction * (measured["front_peak_force"] / car.car.front_peak_force),
+            friction=measured["front_peak_force"] / car.vehicle.front_axle_load,
             time=state.time,
             sideslip=state.lateral_velocity / measured["speed"],
             yaw_rate=state.yaw_rate,
@@ -107,8 +114,13 @@ class Viewer:
             end=env.end,
             settled=env.is_success,
             beside=_beside(env, state),
+            front_steer_command=state.front_steer_command,
+            rear_steer_command=state.rear_steer_command,
+            gust=side_wind(setup, state)[0],
+            drawn=drawn_in_words(env.task, task_state(env.task, state)),
         )
-        self._history.append(_Moment(state.time, scene.centre_of_mass, (reading.sideslip, reading.yaw_rate)))
+        phase = reading.sideslip, reading.yaw_rate
+        self._history.append(_Moment(state.time, scene.centre_of_mass, phase, scene.struck))
         return reading, scene
 
     def _show(self, frame: Any) -> None:
@@ -130,14 +142,13 @@ class Viewer:
         self._clock.tick(self._env.metadata["render_fps"])
 
 
-def _beside(env: Any, state: Any) -> dict[str, str]:
-    """The first history of each quantity at this moment, in degrees."""
-    own = env.task.TaskState(*state[len(state) - len(env.task.TaskState._fields) :])
-    words: dict[str, str] = {}
+def _beside(env: Any, state: Any) -> dict[str, tuple[str, float]]:
+    """The first history of each quantity at this moment, rad."""
+    own = task_state(env.task, state)
+    found: dict[str, tuple[str, float]] = {}
     for history in env.task.histories:
-        value = math.degrees(history.law(own, state.time, env.present.car))
-        words.setdefault(history.quantity, f" ({history.label} {round(value, 1) + 0.0:+.1f})")
-    return words
+        found.setdefault(history.quantity, (history.label, float(history.law(own, state.time, env.present.car))))
+    return found
 
 
 def setup_of(env: Any) -> Setup:

@@ -289,10 +289,11 @@ class Evade(Task):
         return success
 
     def marks(self, own: Any, world: World) -> tuple[Mark, ...]:
-        """Cones at the corners of the obstacle, which is as wide as the own lane."""
-        begin, end, _ = places(PYTHON)(own, world.car)
-        edges = (-0.5 * LANE_WIDTH, 0.5 * LANE_WIDTH)
-        return (Mark("cones", tuple((float(x), y) for x in (begin, end) for y in edges)),)
+        """The obstacle, which is as wide as the own lane, and cones at its corners."""
+        begin, end, _ = map(float, places(PYTHON)(own, world.car))
+        half = 0.5 * LANE_WIDTH
+        corners = ((begin, -half), (begin, half), (end, half), (end, -half))
+        return Mark("obstacle", corners), Mark("cones", corners)
 
     def task_state_with(self, own: Any, numbers: Mapping[str, Any], speed: Any) -> Any:
         changes = dict(numbers)

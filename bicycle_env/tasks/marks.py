@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 from bicycle_env.physics.validation import choice, number, whole
 
-KINDS = {"cones": 1, "ice": 3}
+KINDS = {"cones": 1, "ice": 3, "obstacle": 3}
 """How many points each has at least."""
 
 
 class Mark(NamedTuple):
-    """``Mark("cones", points)``: one at each point. ``Mark("ice", points)``: a patch with these corners."""
+    """``Mark("cones", points)``: one at each point. "ice" and "obstacle": a patch with these corners."""
 
     kind: str
     points: tuple[tuple[float, float], ...]

@@ -17,7 +17,7 @@ from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.rendering import painting
 from bicycle_env.rendering import scene as geometry
 from bicycle_env.rendering.corridor import corridor
-from bicycle_env.rendering.scene import build_scene
+from bicycle_env.rendering.scene import build_scene, side_wind
 from bicycle_env.rendering.viewer import setup_of
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.disturbances import Gust, IcePatch
@@ -210,6 +210,78 @@ def test_cones_and_ice_are_painted_where_they_are(stab):
     assert tuple(image[tuple(round(value) for value in view.pixel((21.0, -0.6)))]) == painting.ASPHALT
 
 
+def test_cones_under_the_body_are_hit(stab):
+    corner = (27.0, -1.0)
+    stab.reset(seed=0, options={"state": {"longitudinal_position": 26.0, "lateral_position": -0.3}})
+    state, setup, measured = stab.state, setup_of(stab)._replace(task=Gates()), stab.measure()
+    scene = build_scene(setup, state, measured)
+    assert scene.struck == (corner,)
+    assert len(scene.cones) == 11
+    beside = build_scene(setup, state._replace(lateral_position=-0.05), measured)
+    assert (beside.struck, len(beside.cones)) == ((), 12)
+    assert build_scene(setup, state, measured, struck=[(76.0, 1.0)]).struck == (corner, (76.0, 1.0))
+    size = (960, 308)
+    image = painting.pygame.surfarray.array3d(painting.paint_road(scene, *size))
+    view = painting.View(scene.left, scene.middle, size[1] / (2.0 * scene.half_height), size[1])
+    assert tuple(image[tuple(round(value) for value in view.pixel(corner))]) == painting.STRUCK
+
+
+@pytest.mark.parametrize(("y", "side", "count"), [(0.05, 0.0, 0), (0.2, 1.0, 2), (-0.2, -1.0, 2)])
+def test_corners_that_are_outside_are_marked(stab, y, side, count):
+    """Of a body that is 1.8 m wide, between edges at 1 m."""
+    stab.reset(seed=0, options={"state": {"longitudinal_position": 20.0, "lateral_position": y}})
+    scene = build_scene(setup_of(stab)._replace(task=Gates()), stab.state, stab.measure())
+    assert [np.sign(across - y) for _, across in scene.outside] == [side] * count
+
+
+def test_an_obstacle_is_painted_where_it_is(stab):
+    @dataclasses.dataclass(frozen=True)
+    class Blocked(Stabilise):
+        def marks(self, task_state, world):
+            return (Mark("obstacle", ((10.0, 0.0), (14.0, 0.0), (14.0, 1.5), (10.0, 1.5))),)
+
+    scene = scene_of(stab, Blocked(), 4.0)
+    size = (960, 308)
+    image = painting.pygame.surfarray.array3d(painting.paint_road(scene, *size))
+    view = painting.View(scene.left, scene.middle, size[1] / (2.0 * scene.half_height), size[1])
+    assert tuple(image[tuple(round(value) for value in view.pixel((12.0, 0.8)))]) == painting.OBSTACLE
+
+
+@pytest.mark.parametrize(("time", "blows"), [(0.5, False), (1.1, True), (1.6, False)])
+@pytest.mark.parametrize("force", [2000.0, -2000.0])
+def test_a_gust_pushes_the_side_of_the_body(stab, time, blows, force):
+    task = altered(Stabilise(), disturbances=(Gust(start=1.0, duration=0.5, arm=0.4),))
+    stab.reset(seed=0, options={"state": {"longitudinal_position": 20.0}})
+    setup = setup_of(stab)
+    setup = setup._replace(task=task, world=setup.world._replace(settings=task.settings(stab.speed)))
+    state = task.State(*stab.state, gust_start=1.0, gust_force=force)._replace(time=time)
+    scene = build_scene(setup, state, stab.measure())
+    assert side_wind(setup, state) == (force * blows, pytest.approx(0.4 * force * blows))
+    if not blows:
+        assert scene.gust.start == scene.gust.end
+        return
+    (x0, y0), (x1, y1) = scene.gust.start, scene.gust.end
+    assert (x0, x1) == (pytest.approx(20.4), pytest.approx(20.4))
+    assert y1 == pytest.approx(-0.5 * stab.vehicle.body_width * np.sign(force))
+    assert y1 - y0 == pytest.approx(force * geometry.GUST_ARROW)
+
+
+def test_on_an_area_marks_show_that_the_car_moves(stab):
+    @dataclasses.dataclass(frozen=True)
+    class Wide(Stabilise):
+        def reference(self, xp):
+            def reference(state, task_state, world):
+                zero = 0.0 * state.longitudinal_position
+                return Reference(zero, zero, zero, zero, 100.0)
+
+            return reference
+
+    here, there = (scene_of(stab, Wide(), place).tufts for place in (10.0, 13.0))
+    assert scene_of(stab, Stabilise(), 10.0).tufts == ()
+    assert len(set(here) & set(there)) > 10
+    assert here != there
+
+
 @pytest.mark.parametrize("edge", [0.0, None])
 @pytest.mark.exhaustive
 def test_an_ice_patch_is_drawn_where_it_acts(edge):
@@ -244,7 +316,7 @@ def test_what_is_added_to_a_task_leaves_its_marks(stab):
 @pytest.mark.parametrize(
     ("marks", "words"),
     [
-        ([("cone", [(0.0, 0.0)])], "kind must be one of 'cones', 'ice', got 'cone'; did you mean 'cones'"),
+        ([("cone", [(0.0, 0.0)])], "kind must be one of 'cones', 'ice', 'obstacle', got 'cone'; did you mean 'cones'"),
         ([("cones", [(0.0, np.nan)])], "y must be a finite number, got nan"),
         ([("ice", [(0.0, 0.0), (1.0, 0.0)])], "number of points of ice must be a whole number in .3, .*got 2"),
         ([("cones", [0.0, 1.0])], "TypeError: cannot unpack"),

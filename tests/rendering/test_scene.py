@@ -127,7 +127,8 @@ def points_of(scene):
     shapes |= {
         name: [[arrow.start], [arrow.end]] for name, arrow in scene._asdict().items() if isinstance(arrow, Arrow)
     }
-    shapes["ice"], shapes["cones"] = list(scene.ice), [scene.cones]
+    shapes |= {name: list(getattr(scene, name)) for name in ("ice", "obstacles", "tufts")}
+    shapes |= {"cones": [scene.cones], "struck": [scene.struck], "outside": [scene.outside]}
     shapes["centre_of_mass"] = [[scene.centre_of_mass]]
     return shapes | {name: [wheel] for name, wheel in scene.wheels.items()}
 

@@ -11,10 +11,16 @@ import pygame
 import pytest
 
 import bicycle_env  # noqa: F401
-from bicycle_env.rendering import painting
-from bicycle_env.rendering.dashboard import against_critical, in_words
+from bicycle_env.rendering import painting, viewer
+from bicycle_env.rendering.dashboard import against_critical, fitted
 from bicycle_env.rendering.scene import build_scene
-from bicycle_env.rendering.viewer import HEIGHT, ROAD_HEIGHT, RULER_HEIGHT, WIDTH, setup_of
+from bicycle_env.rendering.told import drawn_in_words, in_words
+from bicycle_env.rendering.viewer import DRAWN_HEIGHT, HEIGHT, ROAD_HEIGHT, RULER_HEIGHT, WIDTH, setup_of
+from bicycle_env.tasks.active_steer import ActiveSteer
+from bicycle_env.tasks.disturbances import Gust, IcePatch
+from bicycle_env.tasks.marks import Mark
+from bicycle_env.tasks.options import altered
+from bicycle_env.tasks.stabilise import Stabilise
 
 IDS = ("BicycleStab-v0", "BicycleLaneChange-v0")
 TURNED = {
@@ -164,6 +170,58 @@ def test_an_end_in_words_is_not_a_side():
     assert in_words("spun") == "spun"
 
 
+def test_what_was_drawn_is_told_with_its_units():
+    task = altered(ActiveSteer(), randomise={"mass": (0.9, 1.1)}, disturbances=(Gust(), IcePatch()))
+    own = task.TaskState(*(0.05 for _ in task.TaskState._fields))._replace(
+        relative_friction=0.876, mass=1512.3, gust_force=-1000.4, gust_start=1.0, ice_patch_side=-1.0
+    )
+    told = drawn_in_words(task, own)
+    assert told[:4] == ("relative friction 0.88", "amplitude 2.9°", "frequency 0.05 Hz", "dwell 0.05 s")
+    assert {"mass 1512 kg", "gust start 1.00 s", "gust force -1000 N", "ice patch side right"} <= set(told)
+
+
+def test_what_was_drawn_has_a_line_of_its_own(make, monkeypatch):
+    env = make()
+    line = slice(ROAD_HEIGHT + RULER_HEIGHT, ROAD_HEIGHT + RULER_HEIGHT + DRAWN_HEIGHT)
+    assert frame_at(env, {})[line].max() < 100
+    monkeypatch.setattr(viewer, "drawn_in_words", lambda *_: ("friction 0.50",))
+    assert np.sum(frame_at(env, {})[line, :320].min(axis=-1) > 100) > 50
+
+
+def test_a_line_that_is_too_long_says_how_much_is_missing():
+    parts = ("drawn:", *("a word or two" for _ in range(9)))
+    assert fitted(parts, 19, 10_000).count("word") == 9
+    short = fitted(parts, 19, 400)
+    kept = short.count("word")
+    assert 1 < kept < 9
+    assert short.startswith("drawn: a word or two, a word")
+    assert short.endswith(f", {9 - kept} more")
+
+
+def test_the_command_is_a_tip_beside_its_gauge(make):
+    env = make()
+    frame_at(env, {})
+    env.step(np.array([-1.0, 0.0], np.float32))
+    top = ROAD_HEIGHT + RULER_HEIGHT + DRAWN_HEIGHT
+    tips = env.render()[top + 11 : top + 16, 430:580]
+    _, columns = np.nonzero(np.all(tips == (236, 236, 232), axis=-1))
+    assert 430 + columns.mean() == pytest.approx(504 + 66, abs=2)  # right lock
+
+
+def test_a_cone_that_was_hit_stays_hit(make, monkeypatch):
+    monkeypatch.setattr(Stabilise, "marks", lambda *_: (Mark("cones", ((0.5, 0.0), (0.5, 1.7))),))
+    env = make()
+    frame_at(env, {})
+    for _ in range(10):
+        env.step(np.zeros(2, np.float32))
+    image = env.render()
+    assert env.unwrapped.state.longitudinal_position > 6.0
+    assert env.unwrapped._viewer._history[-1].struck == ((0.5, 0.0),)
+    frame_at(env, {"longitudinal_position": 8.0})
+    assert env.unwrapped._viewer._history[-1].struck == ()
+    assert count(image[:ROAD_HEIGHT], painting.STRUCK) > count(env.render()[:ROAD_HEIGHT], painting.STRUCK) + 50
+
+
 def test_the_speed_is_told_against_the_critical_speed():
     assert against_critical(45.0, 30.0) == "1.50 times critical (30.0 m/s)"
     assert against_critical(45.0, math.inf) == "stable at any speed"
@@ -171,7 +229,7 @@ def test_the_speed_is_told_against_the_critical_speed():
 
 def test_left_steer_is_shown_to_the_left(make):
     env = make()
-    rows, middle = slice(ROAD_HEIGHT + RULER_HEIGHT + 18, ROAD_HEIGHT + RULER_HEIGHT + 62), 504
+    rows, middle = slice(ROAD_HEIGHT + RULER_HEIGHT + 36, ROAD_HEIGHT + RULER_HEIGHT + 70), 504
 
     def blue(front_steer, rear_steer):
         image = frame_at(env, {"front_steer": front_steer, "rear_steer": rear_steer})[rows]

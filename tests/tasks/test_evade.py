@@ -103,9 +103,10 @@ def test_what_is_drawn(plant):
 def test_the_corners_of_the_obstacle_are_marked(plant, side):
     task, car = Evade(), plant.configuration.car
     world = World(car, plant.rules, task.settings(car.speed))
-    (cones,) = task.marks(Gates(side, 1.0, 1.2, 0.6, 1.5, 0.0), world)
+    obstacle, cones = task.marks(Gates(side, 1.0, 1.2, 0.6, 1.5, 0.0), world)
     begin, end = car.front_extent + 1.2 * car.speed, car.front_extent + 1.8 * car.speed
-    assert cones.kind == "cones"
+    assert (obstacle.kind, cones.kind) == ("obstacle", "cones")
+    assert obstacle.points == cones.points
     np.testing.assert_allclose(sorted(cones.points), [(begin, -1.75), (begin, 1.75), (end, -1.75), (end, 1.75)])
 
 
