@@ -1,4 +1,4 @@
-"""The command ``bicycle-env``: a report on one car, cars, leaderboard. ``python -m bicycle_env`` is the same."""
+"""The command ``bicycle-env``: report, cars, leaderboard, policies at work. ``python -m bicycle_env`` is the same."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from typing import Any, NoReturn
 from bicycle_env import __version__, leaderboard, report, tires
 from bicycle_env.backends import announcements
 from bicycle_env.backends.compiled import CompilerDisabledError
-from bicycle_env.files import checked_output_folder, shown
+from bicycle_env.files import anything, checked_output_folder, mapping, parse_json, shown
 from bicycle_env.installation import install_line
-from bicycle_env.physics.validation import choice
+from bicycle_env.physics.validation import choice, whole
 from bicycle_env.physics.vehicle import UnitWarning
 from bicycle_env.streams import take_any_text
 
@@ -48,6 +48,24 @@ a car of one's own, my_car.toml (or the same names in my_car.json):
 
 JSON: {"vehicle", "speed", "tire", "friction", "figures", "units", "absent"}. SI units, angles in rad. A figure is null
 where it is infinite or undefined, and "absent" says why (a car that does not oversteer has no critical speed).
+"""
+PLAY = f"""\
+Shows policies at work: in a window, or in a file. Several drive from the same start, one above the other.
+
+A policy is a controller's name (lqr, preview+sano, zero for nobody, ...), "pretrained", MODULE:NAME of one's own, a
+folder of a trained policy, a .json file of tuned parameters, or "human": the left and right arrow keys (or A and D, or
+the stick of a gamepad) steer the front wheels. In the window Esc leaves, and the space bar goes on to the next start.
+
+FILE.gif needs {install_line("render")}, as the window does;
+FILE.mp4 {install_line("video")} too. FILE.npz holds states, actions and rewards as arrays with their names.
+"""
+PLAY_EXAMPLES = """\
+examples:
+  bicycle-env play --env-id BicycleStab-v0 --policy lqr
+  bicycle-env play --env-id BicycleActiveSteer-v0 --policy zero rear-switched pretrained --seed 3 --out run.gif
+  bicycle-env play --env-id BicycleEvade-v0 --level hard --policy pretrained --starts 5
+  bicycle-env play --env-id BicycleDoubleLaneChange-v0 --policy human --rear sano
+  bicycle-env play --env-id BicycleStab-v0 --policy lqr --starts 20 --out runs.npz
 """
 
 
@@ -155,7 +173,32 @@ def parser() -> Parser:
     board.add_argument("--env-id", metavar="ID", help="only of this id, such as BicycleStab-v0")
     board.add_argument("--json", action="store_true", help="print all that the file holds of them as JSON")
     board.set_defaults(run=run_leaderboard)
+    _add_play(commands)
     return top
+
+
+def _add_play(commands: Any) -> None:
+    show = commands.add_parser(
+        "play",
+        help="watch policies drive, in a window or a file, or steer yourself",
+        description=PLAY,
+        epilog=PLAY_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    show.add_argument("--env-id", default="BicycleStab-v0", metavar="ID", help="default: BicycleStab-v0")
+    show.add_argument("--level", metavar="LEVEL", help="easy, medium or hard")
+    show.add_argument(
+        "--env-keywords", default="{}", metavar="JSON", help="more keywords, for example '{\"friction\": 0.5}'"
+    )
+    show.add_argument("--policy", nargs="+", default=["lqr"], metavar="NAME", help="who drives; default: lqr")
+    show.add_argument(
+        "--rear", metavar="NAME", help="with the policy human: who steers the rear wheels; default: they stay straight"
+    )
+    show.add_argument("--out", metavar="FILE", help="a file that ends in .gif, .mp4 or .npz; without: a window")
+    show.add_argument("--starts", type=int, default=1, metavar="N", help="how many, one after the other; default: 1")
+    show.add_argument("--seed", type=int, default=0, metavar="N", help="of the first start; default: 0")
+    show.set_defaults(run=run_play)
 
 
 def run_report(chosen: argparse.Namespace) -> None:
@@ -230,6 +273,30 @@ def run_leaderboard(chosen: argparse.Namespace) -> None:
         _write_json({**content, "levels": levels})
         return
     sys.stdout.write(leaderboard.as_text(levels))
+
+
+def run_play(chosen: argparse.Namespace) -> None:
+    """``bicycle-env play``."""
+    import gymnasium as gym
+
+    from bicycle_env import play
+
+    try:
+        keywords = parse_json(chosen.env_keywords, "--env-keywords", mapping(anything))
+        level = {} if chosen.level is None else {"level": chosen.level}
+        play.play(
+            chosen.env_id,
+            chosen.policy,
+            keywords={**keywords, **level},
+            out=chosen.out,
+            starts=whole("--starts", chosen.starts),
+            seed=whole("--seed", chosen.seed, 0),
+            rear=chosen.rear,
+            tell=lambda words: print(words, flush=True),  # noqa: T201
+        )
+    except (ValueError, TypeError, gym.error.Error, play.NoDisplayError) as error:
+        # Gymnasium adds words of its own to what an environment says.
+        raise UserError(str(error).partition(" was raised from the environment creator for ")[0]) from None
 
 
 def _write_json(content: Any) -> None:

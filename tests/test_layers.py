@@ -61,7 +61,11 @@ ROWS = {
         lazy_layers={"rendering"},
         lazy_packages={"jax", "torch"},
     ),
-    "rendering": Row({*BELOW_ENVS, "installation"}, {"pygame", "numpy", "gymnasium"}),
+    "rendering": Row(
+        {*BELOW_ENVS, "files", "installation"},
+        {"pygame", "numpy", "gymnasium"},
+        lazy_packages={"PIL", "imageio_ffmpeg"},
+    ),
     "wrappers": Row({*BELOW_ENVS, "envs", "files", "installation"}, {"gymnasium", "numpy"}),
     "wrappers.sb3_vec_env": Row(set(), {"gymnasium", "numpy", "stable_baselines3"}),  # imported when first named
     "plots": Row({*BELOW_ENVS, "files", "installation"}, {"numpy"}, lazy_packages={"matplotlib"}),
@@ -72,9 +76,14 @@ ROWS = {
         set(),
         lazy_layers={"plots", "rendering", "control"},
     ),
+    "play": Row({*BELOW_ENVS, "control", "files"}, {"gymnasium", "numpy"}, lazy_layers={"rendering"}),  # on top
+    "play.human": Row({"control", "rendering"}, {"numpy"}),  # these two are imported when a window is opened
+    "play.window": Row({"rendering", "play"}, {"numpy"}),
     "leaderboard": Row({"files", "physics"}, set()),
     "report": Row(EVERYTHING | {"report"}, {"numpy", "scipy"}, lazy_packages={"matplotlib", "gymnasium", "control"}),
-    "cli": Row(EVERYTHING | {"report", "leaderboard"}, set(), lazy_packages={"numpy", "gymnasium"}),
+    "cli": Row(
+        EVERYTHING | {"report", "leaderboard"}, set(), lazy_layers={"play"}, lazy_packages={"numpy", "gymnasium"}
+    ),
 }
 
 
