@@ -81,7 +81,7 @@ def show(
 
     def keep(step: int, over: bool) -> bool:
         if over or step % film.every == 0:
-            film.add(moving.stacked(play.panels_of(drives), caption, film.share), over)
+            film.add(moving.stacked(play.panels_of(drives), caption, film.shares[1]), over)
         return True
 
     play.together(drives, starts[place], keep)

@@ -292,7 +292,7 @@ def run_play(chosen: argparse.Namespace) -> None:
             starts=whole("--starts", chosen.starts),
             seed=whole("--seed", chosen.seed, 0),
             rear=chosen.rear,
-            tell=lambda words: print(words, flush=True),  # noqa: T201
+            tell=lambda words: (sys.stdout.write(f"{words}\n"), sys.stdout.flush()),
         )
     except (ValueError, TypeError, gym.error.Error, play.NoDisplayError) as error:
         # Gymnasium adds words of its own to what an environment says.

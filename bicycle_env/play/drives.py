@@ -100,5 +100,7 @@ def caption_of(drives: Sequence[Drive]) -> tuple[str, ...]:
     """What the start of several has drawn, which is the same for all of them; () for one, whose picture says it."""
     from bicycle_env.rendering.told import drawn_in_words
 
-    plant = drives[0].plant
-    return ("same start for all:", *drawn_in_words(plant.task, plant.state)) if len(drives) > 1 else ()
+    if len(drives) == 1:
+        return ()
+    words = drawn_in_words(drives[0].plant.task, drives[0].plant.state)
+    return ("the same start for all:", *words) if words else ("the same start for all",)

@@ -78,7 +78,7 @@ def play(
     starts: int = 1,
     seed: int = 0,
     rear: str | None = None,
-    tell: Callable[[str], None] = print,
+    tell: Callable[[str], object] = print,
 ) -> None:
     """Drive policies from the same starts, and show them in a window, or write them to a file.
 
@@ -115,7 +115,7 @@ def play(
             env.close()
 
 
-def _run(drives: Sequence[Drive], out: Any, ending: str | None, seeds: range, tell: Callable[[str], None]) -> None:
+def _run(drives: Sequence[Drive], out: Any, ending: str | None, seeds: range, tell: Callable[[str], object]) -> None:
     plant = drives[0].plant
     drivers = [one.policy for one in drives if hasattr(one.policy, "take")]
     recording = Recording(out) if ending == ".npz" else None
@@ -133,11 +133,13 @@ def _run(drives: Sequence[Drive], out: Any, ending: str | None, seeds: range, te
         filmed = film is not None and (over or step % film.every == 0)
         if not filmed and window is None:
             return True
+        if window is not None and not (filmed or over) and window.skips():
+            return not window.shut
         from bicycle_env.rendering.moving import stacked
 
         panels, caption = panels_of(drives), caption_of(drives)
         if film is not None and filmed:
-            film.add(stacked(panels, caption, film.share), over)
+            film.add(stacked(panels, caption, film.shares[len(panels) > 1]), over)
         return window is None or window.show(stacked(panels, caption), over)
 
     driven = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ from bicycle_env.play.session import NoDisplayError
 from bicycle_env.rendering.moving import LINGER, Picture
 from bicycle_env.rendering.painting import pygame
 
+MOST_BEHIND = 3.0
+"""So many pictures that there was no time for are left out, one after the other; beyond that time goes slower."""
 TITLE = "bicycle_env: Esc leaves, the space bar goes on to the next start"
 
 
@@ -23,6 +26,16 @@ class Window:
         self._sticks: list[Any] = []
         self.shut = False
         """Whether its user has closed it."""
+        self._behind = 0.0
+        self._shown = time.perf_counter()
+
+    def skips(self) -> bool:
+        """Whether the next picture is to be left out, because the ones before took too long; events are taken then."""
+        if self._behind < 1.0:
+            return False
+        self._behind -= 1.0
+        self._listen()
+        return True
 
     def show(self, picture: Picture, last: bool = False) -> bool:
         """One picture, and whether to go on; after the last of an episode it waits a while, or for the space bar."""
@@ -37,6 +50,11 @@ class Window:
             self._clock.tick(self._rate)
             if self.shut or (last and on):
                 break
+        now = time.perf_counter()
+        self._behind = max(0.0, min(self._behind + (now - self._shown) * self._rate - 1.0, MOST_BEHIND))
+        self._shown = now
+        if last:
+            self._behind = 0.0
         return not self.shut
 
     def close(self) -> None:

@@ -59,8 +59,8 @@ class Film(Protocol):
 
     every: int
     """Control steps from one picture to the next."""
-    share: float
-    """Of the size of what is stacked."""
+    shares: tuple[float, float]
+    """Of the size of pictures: of one, which has text, and of several."""
 
     def add(self, picture: Picture, last: bool = False) -> None:
         """One picture more; the last of an episode stays for a while."""
@@ -73,8 +73,8 @@ class GIF:
     """Loops for ever; needs Pillow. `timestep`: from one control step to the next, s."""
 
     every = 4
-    share = 0.62
-    colors = 64
+    shares = (0.8, 0.62)
+    colors = 96
 
     def __init__(self, path: str | Path, timestep: float) -> None:
         try:
@@ -89,7 +89,9 @@ class GIF:
 
     def add(self, picture: Picture, last: bool = False) -> None:
         page = self._image.fromarray(picture)
-        self._pages.append(page.quantize(self.colors, dither=self._image.Dither.NONE))
+        # An octree keeps colours of few pixels, such as a cone's, where the median cut gives them to others.
+        look: Any = {"method": self._image.Quantize.FASTOCTREE, "dither": self._image.Dither.NONE}
+        self._pages.append(page.quantize(self.colors, **look))
         self._durations.append(round(1000 * LINGER) if last else self._milliseconds)
 
     def close(self) -> None:
@@ -104,7 +106,7 @@ class MP4:
     """H.264, as every browser plays it; needs imageio-ffmpeg, which brings its own ffmpeg."""
 
     every = 2
-    share = 1.0
+    shares = (1.0, 1.0)
 
     def __init__(self, path: str | Path, timestep: float) -> None:
         try:

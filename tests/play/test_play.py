@@ -12,7 +12,7 @@ import pytest
 import bicycle_env  # noqa: F401
 from bicycle_env import control, play
 from bicycle_env.cli import main
-from bicycle_env.play import human
+from bicycle_env.play import human, window
 from bicycle_env.rendering.viewer import HEIGHT, ROAD_HEIGHT, WIDTH
 
 STAB = "BicycleStab-v0"
@@ -126,6 +126,21 @@ def test_a_window_shows_every_start_and_closes(events, monkeypatch, capsys):
     assert len(ticks) == 2 * (12 + 2)
     assert set(ticks) == {50}
     assert not pygame.display.get_init()
+
+
+def test_pictures_that_there_is_no_time_for_are_left_out(events, monkeypatch):
+    clock = iter(np.arange(0.0, 100.0, 0.0625).tolist())
+    monkeypatch.setattr(window, "MOST_BEHIND", 3.0)
+    monkeypatch.setattr(window.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(pygame.time, "Clock", lambda: types.SimpleNamespace(tick=lambda _: None))
+    shown = window.Window(48, [])
+    drawn = []
+    for step in range(50):  # each picture takes three steps
+        if not shown.skips():
+            shown.show(np.zeros((20, 30, 3), np.uint8))
+            drawn.append(step)
+    shown.close()
+    assert drawn == [*range(0, 50, 3)]
 
 
 @pytest.mark.parametrize(
