@@ -135,12 +135,12 @@ def _run(drives: Sequence[Drive], out: Any, ending: str | None, seeds: range, te
             return True
         if window is not None and not (filmed or over) and window.skips():
             return not window.shut
-        from bicycle_env.rendering.moving import stacked
+        from bicycle_env.rendering.moving import share_on_screen, stacked
 
         panels, caption = panels_of(drives), caption_of(drives)
         if film is not None and filmed:
             film.add(stacked(panels, caption, film.shares[len(panels) > 1]), over)
-        return window is None or window.show(stacked(panels, caption), over)
+        return window is None or window.show(stacked(panels, caption, share_on_screen(panels)), over)
 
     driven = 0
     try:

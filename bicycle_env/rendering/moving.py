@@ -21,6 +21,8 @@ from bicycle_env.rendering.viewer import ROAD_HEIGHT
 Picture = NDArray[np.uint8]
 LINE = 20
 """Rows of a heading."""
+HIGHEST = 940
+"""Rows of a window, on a screen of 1080."""
 LINGER = 1.5
 """s that the last picture of an episode stays."""
 
@@ -52,6 +54,12 @@ def stacked(panels: Sequence[Panel], caption: Sequence[str] = (), share: float =
     if caption:
         write(surface, fitted(caption, 19, width - 16), (8, foot + LINE // 2), 19, FAINT)
     return np.frombuffer(pygame.image.tobytes(surface, "RGB"), np.uint8).reshape(*surface.get_size()[::-1], 3)
+
+
+def share_on_screen(panels: Sequence[Panel]) -> float:
+    """Of their size, at most all of it, with which a stack of panels and its caption is no higher than `HIGHEST`."""
+    room = HIGHEST - LINE * (len(panels) + 1)
+    return min(1.0, room / float(sum(len(panel.picture) for panel in panels)))
 
 
 class Film(Protocol):

@@ -13,6 +13,7 @@ import bicycle_env  # noqa: F401
 from bicycle_env import control, play
 from bicycle_env.cli import main
 from bicycle_env.play import human, window
+from bicycle_env.rendering import moving
 from bicycle_env.rendering.viewer import HEIGHT, ROAD_HEIGHT, WIDTH
 
 STAB = "BicycleStab-v0"
@@ -126,6 +127,14 @@ def test_a_window_shows_every_start_and_closes(events, monkeypatch, capsys):
     assert len(ticks) == 2 * (12 + 2)
     assert set(ticks) == {50}
     assert not pygame.display.get_init()
+
+
+def test_a_stack_fits_on_a_screen():
+    panels = [moving.Panel("", np.zeros((ROAD_HEIGHT, WIDTH, 3), np.uint8), False)] * 7
+    assert moving.share_on_screen(panels[:2]) == 1.0
+    for count in (3, 7):
+        picture = moving.stacked(panels[:count], ("caption",), moving.share_on_screen(panels[:count]))
+        assert abs(picture.shape[0] - moving.HIGHEST) < 10
 
 
 def test_pictures_that_there_is_no_time_for_are_left_out(events, monkeypatch):
