@@ -64,7 +64,7 @@ examples:
   bicycle-env play --env-id BicycleStab-v0 --policy lqr
   bicycle-env play --env-id BicycleActiveSteer-v0 --policy zero rear-switched pretrained --seed 3 --out run.gif
   bicycle-env play --env-id BicycleEvade-v0 --level hard --policy pretrained --starts 5
-  bicycle-env play --env-id BicycleDoubleLaneChange-v0 --policy human --rear sano
+  bicycle-env play --env-id BicycleDoubleLaneChange-v0 --policy human --rear yaw-rate
   bicycle-env play --env-id BicycleStab-v0 --policy lqr --starts 20 --out runs.npz
 """
 

@@ -140,7 +140,10 @@ def _run(drives: Sequence[Drive], out: Any, ending: str | None, seeds: range, te
         panels, caption = panels_of(drives), caption_of(drives)
         if film is not None and filmed:
             film.add(stacked(panels, caption, film.shares[len(panels) > 1]), over)
-        return window is None or window.show(stacked(panels, caption, share_on_screen(panels)), over)
+        if window is None:
+            return True
+        ready = step == 0 and bool(drivers)  # a human wants to see where the car stands
+        return window.show(stacked(panels, caption, share_on_screen(panels)), over or ready)
 
     driven = 0
     try:

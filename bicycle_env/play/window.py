@@ -13,7 +13,7 @@ from bicycle_env.rendering.painting import pygame
 
 MOST_BEHIND = 3.0
 """So many pictures that there was no time for are left out, one after the other; beyond that time goes slower."""
-TITLE = "bicycle_env: Esc leaves, the space bar goes on to the next start"
+TITLE = "bicycle_env: Esc leaves, the space bar goes on"
 
 
 class Window:
@@ -37,23 +37,23 @@ class Window:
         self._listen()
         return True
 
-    def show(self, picture: Picture, last: bool = False) -> bool:
-        """One picture, and whether to go on; after the last of an episode it waits a while, or for the space bar."""
+    def show(self, picture: Picture, wait: bool = False) -> bool:
+        """One picture, and whether to go on; where it waits, then for a while, or for the space bar."""
         size = picture.shape[1::-1]
         if self._surface is None or self._surface.get_size() != size:
             self._open(size)
         image = pygame.image.frombuffer(np.ascontiguousarray(picture).tobytes(), size, "RGB")
         self._surface.blit(image, (0, 0))
         pygame.display.flip()
-        for _ in range(max(1, round(LINGER * self._rate)) if last else 1):
+        for _ in range(max(1, round(LINGER * self._rate)) if wait else 1):
             on = self._listen()
             self._clock.tick(self._rate)
-            if self.shut or (last and on):
+            if self.shut or (wait and on):
                 break
         now = time.perf_counter()
         self._behind = max(0.0, min(self._behind + (now - self._shown) * self._rate - 1.0, MOST_BEHIND))
         self._shown = now
-        if last:
+        if wait:
             self._behind = 0.0
         return not self.shut
 

@@ -164,7 +164,7 @@ def test_its_user_closes_the_window(events, capsys, event):
 
 def test_a_human_steers_by_keys(events, tmp_path):
     left, right = pygame.K_LEFT, pygame.K_RIGHT
-    events += [[key(pygame.KEYDOWN, left)], [], [], [key(pygame.KEYUP, left)], [], [], [key(pygame.KEYDOWN, right)]]
+    events += [[], [key(pygame.KEYDOWN, left)], [], [], [key(pygame.KEYUP, left)], [], [], [key(pygame.KEYDOWN, right)]]
     file = tmp_path / "run.npz"
     assert main(["play", *WORDS, "--policy", "human", "--rear", "lqr", "--out", str(file)]) == 0
     with np.load(file) as run:
