@@ -1,4 +1,4 @@
-"""The command ``bicycle-env``: a report on one car, cars, leaderboard. ``python -m bicycle_env`` is the same."""
+"""The command ``bicycle-env``: a report on one car, cars, leaderboard, export. Or: ``python -m bicycle_env``."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from bicycle_env.backends import announcements
 from bicycle_env.backends.compiled import CompilerDisabledError
 from bicycle_env.files import checked_output_folder, shown
 from bicycle_env.installation import install_line
+from bicycle_env.physics.lateral import GEOMETRIES
 from bicycle_env.physics.validation import choice
 from bicycle_env.physics.vehicle import UnitWarning
 from bicycle_env.streams import take_any_text
@@ -48,6 +49,26 @@ a car of one's own, my_car.toml (or the same names in my_car.json):
 
 JSON: {"vehicle", "speed", "tire", "friction", "figures", "units", "absent"}. SI units, angles in rad. A figure is null
 where it is infinite or undefined, and "absent" says why (a car that does not oversteer has no critical speed).
+"""
+EXPORT = """\
+The car's equations of motion written out for another language, with its numbers: one RK4 substep of the single-track
+model with its tires and actuators is a function of state, command, car and timestep, and a control step loops over it.
+All numbers of the car are arguments, so the same functions serve for other cars, speeds and roads; the tire law, the
+geometry and whether tires relax are in the code.
+
+With the source come test vectors and a program that checks them: results equal the laws' in Python to the bit.
+
+  c       C99: header, source, test. With --fma a multiply-add rounds once, as in the environments.
+  js      a JavaScript module for browsers and node, and a test for node.
+"""
+EXPORT_EXAMPLES = """\
+examples:
+  bicycle-env export --vehicle oversteer --tire fiala --format c --out car
+  cd car && gcc -std=c99 -Wall -ffp-contract=off bicycle_plant.c bicycle_plant_test.c -o t -lm && ./t
+  bicycle-env export --vehicle my_car.toml --speed 35 --tire magic_formula --relaxation-length 0.5 --format js --out car
+  bicycle-env export --front-actuator angle_limit=0.5,rate_limit=inf --format c --fma --out car
+
+docs/export.md says how to use what is written.
 """
 
 
@@ -106,23 +127,7 @@ def parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    one.add_argument(
-        "--vehicle",
-        default="oversteer",
-        metavar="NAME|FILE",
-        help="a preset (see bicycle-env vehicles), or a file that ends in .json or .toml; default: oversteer",
-    )
-    speed = one.add_mutually_exclusive_group()
-    speed.add_argument("--speed", type=float, metavar="M/S", help="{:g} to {:g} m/s".format(*report.SPEEDS))
-    speed.add_argument(
-        "--speed-ratio",
-        type=float,
-        metavar="RATIO",
-        help=f"a multiple of the critical speed; default: {report.DEFAULT_SPEED_RATIO:g}, or "
-        f"{report.DEFAULT_SPEED:g} m/s for a car without critical speed",
-    )
-    one.add_argument("--tire", default="fiala", metavar="LAW", help=f"{', '.join(tires.LAWS)}; default: fiala")
-    one.add_argument("--friction", type=float, default=1.0, metavar="MU", help="of tire on road; default: 1")
+    _add_car(one)
     one.add_argument("--out", metavar="DIR", help="folder for report.html and its pictures; made if needed")
     one.add_argument("--json", action="store_true", help="print the numbers as JSON")
     one.add_argument(
@@ -155,7 +160,61 @@ def parser() -> Parser:
     board.add_argument("--env-id", metavar="ID", help="only of this id, such as BicycleStab-v0")
     board.add_argument("--json", action="store_true", help="print all that the file holds of them as JSON")
     board.set_defaults(run=run_leaderboard)
+
+    written = commands.add_parser(
+        "export",
+        help="the car's equations for C and JavaScript",
+        description=EXPORT,
+        epilog=EXPORT_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    _add_car(written)
+    _add_export(written)
+    written.set_defaults(run=run_export)
     return top
+
+
+def _add_car(to: argparse.ArgumentParser) -> None:
+    """The words for one car at one speed on one road."""
+    to.add_argument(
+        "--vehicle",
+        default="oversteer",
+        metavar="NAME|FILE",
+        help="a preset (see bicycle-env vehicles), or a file that ends in .json or .toml; default: oversteer",
+    )
+    speed = to.add_mutually_exclusive_group()
+    speed.add_argument("--speed", type=float, metavar="M/S", help="{:g} to {:g} m/s".format(*report.SPEEDS))
+    speed.add_argument(
+        "--speed-ratio",
+        type=float,
+        metavar="RATIO",
+        help=f"a multiple of the critical speed; default: {report.DEFAULT_SPEED_RATIO:g}, or "
+        f"{report.DEFAULT_SPEED:g} m/s for a car without critical speed",
+    )
+    to.add_argument("--tire", default="fiala", metavar="LAW", help=f"{', '.join(tires.LAWS)}; default: fiala")
+    to.add_argument("--friction", type=float, default=1.0, metavar="MU", help="of tire on road; default: 1")
+
+
+def _add_export(to: argparse.ArgumentParser) -> None:
+    to.add_argument(
+        "--geometry",
+        metavar="WORD",
+        help=f"{', '.join(GEOMETRIES)}; default: small_angle for the linear tire, exact for the others",
+    )
+    to.add_argument("--relaxation-length", type=float, metavar="M", help="of tires whose forces lag; default: none lag")
+    for axle in ("front", "rear"):
+        to.add_argument(
+            f"--{axle}-actuator",
+            metavar="FIELD=NUMBER,...",
+            help="angle_limit [rad], rate_limit [rad/s], time_constant [s]; default: the environments'",
+        )
+    to.add_argument("--physics-timestep", type=float, default=0.004, metavar="S", help="default: 0.004 s")
+    to.add_argument("--pushed", action="store_true", help="the car's side_force and yaw_moment (a gust) act")
+    to.add_argument("--format", required=True, metavar="WORD", help="c or js")
+    to.add_argument("--fma", action="store_true", help="C: a multiply-add rounds once, as in the environments")
+    to.add_argument("--out", required=True, metavar="DIR", help="folder for the files; made if needed")
+    to.add_argument("--quiet", action="store_true", help="do not say what is being done")
 
 
 def run_report(chosen: argparse.Namespace) -> None:
@@ -230,6 +289,22 @@ def run_leaderboard(chosen: argparse.Namespace) -> None:
         _write_json({**content, "levels": levels})
         return
     sys.stdout.write(leaderboard.as_text(levels))
+
+
+def run_export(chosen: argparse.Namespace) -> None:
+    """``bicycle-env export``."""
+    from bicycle_env.export import command
+
+    def tell(words: str) -> None:
+        if not chosen.quiet:
+            sys.stderr.write(f"{words}\n")
+
+    try:
+        with announcements.silenced(chosen.quiet):
+            paths = command.run(chosen, tell)
+    except (ValueError, TypeError) as error:
+        raise UserError(str(error)) from None
+    sys.stdout.write("".join(f"{path}\n" for path in paths))
 
 
 def _write_json(content: Any) -> None:
