@@ -51,22 +51,30 @@ JSON: {"vehicle", "speed", "tire", "friction", "figures", "units", "absent"}. SI
 where it is infinite or undefined, and "absent" says why (a car that does not oversteer has no critical speed).
 """
 EXPORT = """\
-The car's equations of motion written out for another language, with its numbers: one RK4 substep of the single-track
-model with its tires and actuators is a function of state, command, car and timestep, and a control step loops over it.
-All numbers of the car are arguments, so the same functions serve for other cars, speeds and roads; the tire law, the
-geometry and whether tires relax are in the code.
+The laws of this package written out for other languages, with test vectors and a program that checks them.
 
-With the source come test vectors and a program that checks them: results equal the laws' in Python to the bit.
+The car (default): one RK4 substep of the single-track model with its tires and actuators is a function of state,
+command, car and timestep, and a control step loops over it. All numbers of the car are arguments, so the same functions
+serve for other cars, speeds and roads; the tire law, the geometry and whether tires relax are in the code.
 
-  c       C99: header, source, test. With --fma a multiply-add rounds once, as in the environments.
-  js      a JavaScript module for browsers and node, and a test for node.
+A task (--env-id): start, step and observe, so that whole episodes run in the other language.
+
+A policy (--policy): LQR as a matrix, a network as arrays, in single precision; the test prints how far it is from
+Python's.
+
+  c       C99. Equal to the laws in plain Python to the bit; with --fma to the environments.
+  js      a JavaScript module for browsers and node. Equal to the laws in plain Python to the bit.
+  casadi  the car as x' = f(x, u), a casadi.Function in a file, for acados and do-mpc.
 """
 EXPORT_EXAMPLES = """\
 examples:
   bicycle-env export --vehicle oversteer --tire fiala --format c --out car
   cd car && gcc -std=c99 -Wall -ffp-contract=off bicycle_plant.c bicycle_plant_test.c -o t -lm && ./t
   bicycle-env export --vehicle my_car.toml --speed 35 --tire magic_formula --relaxation-length 0.5 --format js --out car
-  bicycle-env export --front-actuator angle_limit=0.5,rate_limit=inf --format c --fma --out car
+  bicycle-env export --front-actuator angle_limit=0.5,rate_limit=inf --format casadi --out car
+  bicycle-env export --env-id BicycleEvade-v0 --level hard --format js --out evade
+  bicycle-env export --policy pretrained --env-id BicycleStab-v0 --format c --out policy
+  bicycle-env export --policy lqr --vehicle oversteer --speed-ratio 1.3 --format c --out policy
 
 docs/export.md says how to use what is written.
 """
@@ -163,7 +171,7 @@ def parser() -> Parser:
 
     written = commands.add_parser(
         "export",
-        help="the car's equations for C and JavaScript",
+        help="the car, a task or a policy for C, JavaScript and CasADi",
         description=EXPORT,
         epilog=EXPORT_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -171,7 +179,7 @@ def parser() -> Parser:
     )
     _add_car(written)
     _add_export(written)
-    written.set_defaults(run=run_export)
+    written.set_defaults(run=run_export, vehicle=None, tire=None, friction=None)
     return top
 
 
@@ -209,9 +217,17 @@ def _add_export(to: argparse.ArgumentParser) -> None:
             metavar="FIELD=NUMBER,...",
             help="angle_limit [rad], rate_limit [rad/s], time_constant [s]; default: the environments'",
         )
-    to.add_argument("--physics-timestep", type=float, default=0.004, metavar="S", help="default: 0.004 s")
+    to.add_argument("--physics-timestep", type=float, metavar="S", help="default: 0.004 s")
     to.add_argument("--pushed", action="store_true", help="the car's side_force and yaw_moment (a gust) act")
-    to.add_argument("--format", required=True, metavar="WORD", help="c or js")
+    to.add_argument("--env-id", metavar="ID", help="a task, with its own defaults for all above; or a policy's")
+    to.add_argument("--level", metavar="WORD", help="of the id: easy, medium or hard")
+    to.add_argument(
+        "--policy",
+        metavar="NAME|FOLDER",
+        help="pretrained (that of the id and level), a folder of agents.train, or a linear controller such as lqr, "
+        "designed for the car above in the id, by default BicycleStab-v0",
+    )
+    to.add_argument("--format", required=True, metavar="WORD", help="c, js, or casadi")
     to.add_argument("--fma", action="store_true", help="C: a multiply-add rounds once, as in the environments")
     to.add_argument("--out", required=True, metavar="DIR", help="folder for the files; made if needed")
     to.add_argument("--quiet", action="store_true", help="do not say what is being done")

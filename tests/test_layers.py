@@ -68,8 +68,7 @@ ROWS = {
     "optimum": Row({*BELOW_ENVS, "control", "envs"}, {"gymnasium", "numpy"}),  # on top: no other row names it
     "export": Row(  # on top, imported by the command alone
         {*BELOW_ENVS, "control", "envs", "files", "installation", "root"},
-        {"numpy", "numba"},
-        lazy_packages={"casadi", "gymnasium"},
+        {"numpy", "numba", "gymnasium"},
     ),
     "registration": Row(set(), {"gymnasium"}, lazy_layers={"envs"}),
     "root": Row(

@@ -43,10 +43,15 @@ class Symbol:
     def __abs__(self) -> Symbol:
         return Symbol("size", self)
 
+    def _bits(self, *_: Any) -> NoReturn:
+        raise TraceError("a law with the bits of integers, such as sensors' noise, cannot be written out")
+
+    __lshift__ = __rshift__ = __xor__ = _bits
+
     def _logic(self, operation: str, other: Any) -> Symbol:
         other = symbol(other)
         if not (self.is_condition and other.is_condition):
-            raise TraceError("a law with the bits of integers (sensors' noise) cannot be written out")
+            self._bits()
         return Symbol(operation, self, other)
 
     def __and__(self, other: Any) -> Symbol:
@@ -57,7 +62,7 @@ class Symbol:
 
     def __invert__(self) -> Symbol:
         if not self.is_condition:
-            raise TraceError("a law with the bits of integers cannot be written out")
+            self._bits()
         return Symbol("not", self)
 
     def __bool__(self) -> NoReturn:

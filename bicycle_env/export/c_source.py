@@ -47,10 +47,10 @@ def comment(words: Sequence[str]) -> str:
 def prototype(library: Library, routine: Routine) -> str:
     """Without the semicolon."""
     prefix = library.name
-    taken = [_parameter(prefix, argument, "const ") for argument in routine.arguments]
-    if routine.results[0].record is None:
+    taken = [_parameter(prefix, argument, "const ") for argument in routine.taken]
+    if routine.given[0].record is None:
         return f"double {prefix}_{routine.name}({', '.join(taken)})"
-    given = [_parameter(prefix, argument) for argument in routine.results]
+    given = [_parameter(prefix, argument) for argument in routine.given]
     return f"void {prefix}_{routine.name}({', '.join([*given, *taken])})"
 
 
@@ -80,7 +80,10 @@ def _header(library: Library, fma: bool) -> str:
     for kind, record in library.records.items():
         fields = [f"    double {field};{_unit(field)}" for field in record._fields]
         parts.append("\n".join(["typedef struct {", *fields, f"}} {name}_{kind};"]))
-    for constant in library.constants:
+    for constant, value in library.constants.items():
+        if _is_words(value):
+            parts.append(f"extern const char *const {name}_{constant}[{len(value)}];")
+            continue
         of = library.constant_types.get(constant)
         parts.append(f"extern const {f'{name}_{of}' if of else 'double'} {name}_{constant};")
     for routine in library.routines:
@@ -93,6 +96,10 @@ def _unit(field: str) -> str:
     return f" /* {UNITS[field]} */" if field in UNITS else ""
 
 
+def _is_words(value: Any) -> bool:
+    return isinstance(value, tuple) and all(isinstance(word, str) for word in value)
+
+
 def _source(library: Library, fma: bool) -> str:
     name, language = library.name, C_FUSED if fma else C
     parts = [
@@ -102,6 +109,10 @@ def _source(library: Library, fma: bool) -> str:
     ]
     for constant, value in library.constants.items():
         kind = library.constant_types.get(constant)
+        if _is_words(value):
+            listed = ", ".join(f'"{word}"' for word in value)
+            parts.append(f"const char *const {name}_{constant}[{len(value)}] = {{{listed}}};")
+            continue
         if kind is None:
             parts.append(f"const double {name}_{constant} = {language.number(value)};")
             continue
@@ -112,7 +123,7 @@ def _source(library: Library, fma: bool) -> str:
         parts.append("\n".join([f"const {name}_{kind} {name}_{constant} = {{", *rows, "};"]))
     for routine in library.routines:
         if routine.c_body:
-            body = routine.c_body.format(p=name).splitlines()
+            body = routine.c_body.replace("{p}", name).splitlines()
             parts.append("\n".join([prototype(library, routine), "{", *(f"    {line}".rstrip() for line in body), "}"]))
         else:
             parts.append(_function(library, routine, language))
@@ -123,23 +134,23 @@ def _function(library: Library, routine: Routine, language: Language) -> str:
     program = routine.program()
     used = {step.value for step in program.steps if step.operation == "input"}
     reads, names = [], {}
-    for argument in routine.arguments:
+    for argument in routine.taken:
         for field in argument.fields:
             names[argument.name, field] = f"{argument.name}_{field}" if field else argument.name
             if field and (argument.name, field) in used:
                 reads.append(f"const double {argument.name}_{field} = {argument.name}->{field};")
     found = lines(program, language, names, f"{library.name}_{routine.name}")
-    if routine.results[0].record is None:
+    if routine.given[0].record is None:
         writes = [f"return {found.results[0]};"]
     else:
-        places = [f"{result.name}->{field}" for result in routine.results for field in result.fields]
+        places = [f"{result.name}->{field}" for result in routine.given for field in result.fields]
         # All results have their values before the first is written: they may be the arguments.
         values = [f"const double r{k + 1} = {value};" for k, value in enumerate(found.results)]
         writes = [*values, *(f"{place} = r{k + 1};" for k, place in enumerate(places))]
     body = [f"    {line}" for line in (*reads, *found.body, *writes)]
     unused = [
         f"    (void){argument.name};"
-        for argument in routine.arguments
+        for argument in routine.taken
         if not any((argument.name, field) in used for field in argument.fields)
     ]
     return "\n".join([*found.tables, prototype(library, routine), "{", *unused, *body, "}"])
@@ -190,7 +201,7 @@ def _check(library: Library, routine: Routine, count: int) -> str:
     at = 0
     read: list[str] = []
     handed: list[str] = []
-    for argument in routine.arguments:
+    for argument in routine.taken:
         if argument.record is None:
             handed.append(f"{'(int)' if argument.kind == 'count' else ''}row[{at}]")
         else:
@@ -198,17 +209,17 @@ def _check(library: Library, routine: Routine, count: int) -> str:
             read.append(f"        const {library.name}_{argument.type_name} {argument.name} = {{{values}}};")
             handed.append(f"&{argument.name}")
         at += len(argument.fields)
-    size = sum(len(result.fields) for result in routine.results)
-    if routine.results[0].record is None:
+    size = sum(len(result.fields) for result in routine.given)
+    if routine.given[0].record is None:
         read.append(f"        const double found[] = {{{library.name}_{routine.name}({', '.join(handed)})}};")
     else:
-        given = [f"given_{result.name}" for result in routine.results]
-        for result, local in zip(routine.results, given, strict=True):
+        given = [f"given_{result.name}" for result in routine.given]
+        for result, local in zip(routine.given, given, strict=True):
             read.append(f"        {library.name}_{result.type_name} {local};")
         call = ", ".join([*(f"&{local}" for local in given), *handed])
         read.append(f"        {library.name}_{routine.name}({call});")
         numbers = [
-            f"{local}.{field}" for result, local in zip(routine.results, given, strict=True) for field in result.fields
+            f"{local}.{field}" for result, local in zip(routine.given, given, strict=True) for field in result.fields
         ]
         read.append(f"        const double found[] = {{{', '.join(numbers)}}};")
     return "\n".join(

@@ -44,6 +44,8 @@ def _module(library: Library) -> str:
                 for field, number in zip(value._fields, value, strict=True)
             )
             parts.append(f"export const {constant} = {{\n{rows}}};")
+        elif isinstance(value, tuple):
+            parts.append(f"export const {constant} = {json.dumps(value)};")
         else:
             parts.append(f"export const {constant} = {JAVASCRIPT.number(value)};")
     parts += [_function(routine) for routine in library.routines]
@@ -55,15 +57,15 @@ def _unit(field: str) -> str:
 
 
 def _function(routine: Routine) -> str:
-    given = [] if routine.results[0].record is None else [result.name for result in routine.results]
-    names = ", ".join([*given, *(argument.name for argument in routine.arguments)])
+    given = [] if routine.given[0].record is None else [result.name for result in routine.given]
+    names = ", ".join([*given, *(argument.name for argument in routine.taken)])
     head = f"// {routine.words}\nexport function {routine.name}({names}) {{"
     if routine.js_body:
         return "\n".join([head, *(f"  {line}" for line in routine.js_body.splitlines()), "}"])
     program = routine.program()
     used = {step.value for step in program.steps if step.operation == "input"}
     reads, inputs = [], {}
-    for argument in routine.arguments:
+    for argument in routine.taken:
         for field in argument.fields:
             inputs[argument.name, field] = f"{argument.name}_{field}" if field else argument.name
             if field and (argument.name, field) in used:
@@ -72,7 +74,7 @@ def _function(routine: Routine) -> str:
     if not given:
         writes = [f"return {found.results[0]};"]
     else:
-        places = [f"{result.name}.{field}" for result in routine.results for field in result.fields]
+        places = [f"{result.name}.{field}" for result in routine.given for field in result.fields]
         values = [f"const r{k + 1} = {value};" for k, value in enumerate(found.results)]
         writes = [*values, *(f"{place} = r{k + 1};" for k, place in enumerate(places))]
     return "\n".join([*found.tables, head, *(f"  {line}" for line in (*reads, *found.body, *writes)), "}"])
@@ -82,8 +84,8 @@ def _test(library: Library) -> str:
     vectors = library.vectors(fma=False)
     rows = {
         routine.name: {
-            "takes": [_shape(argument) for argument in routine.arguments],
-            "gives": [_shape(result) for result in routine.results],
+            "takes": [_shape(argument) for argument in routine.taken],
+            "gives": [_shape(result) for result in routine.given],
             "vectors": [[*map(_coded, inputs), *map(_coded, results)] for inputs, results in vectors[routine.name]],
         }
         for routine in library.routines

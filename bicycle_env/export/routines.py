@@ -57,6 +57,16 @@ class Routine:
     js_body: str = ""
     """Likewise in JavaScript."""
 
+    @property
+    def taken(self) -> list[Argument]:
+        """The arguments, without empty records."""
+        return [argument for argument in self.arguments if argument.fields]
+
+    @property
+    def given(self) -> list[Argument]:
+        """The results, without empty records."""
+        return [result for result in self.results if result.fields]
+
     def program(self) -> Program:
         """The operations, and the inputs as ``(argument, field)``."""
         inputs = [
@@ -96,7 +106,7 @@ class Library:
     """Lines that say what it is."""
     routines: tuple[Routine, ...]
     constants: Mapping[str, Any]
-    """By name: records' values (named tuples), or numbers."""
+    """By name: records' values (named tuples), numbers, or tuples of words."""
     constant_types: Mapping[str, str]
     """The records' names of the former."""
     cases: Mapping[str, Sequence[Sequence[float]]]
@@ -108,7 +118,7 @@ class Library:
         return {
             argument.type_name: argument.record
             for routine in self.routines
-            for argument in (*routine.arguments, *routine.results)
+            for argument in (*routine.taken, *routine.given)
             if argument.record is not None
         }
 

@@ -61,8 +61,8 @@ def lines(program: Program, language: Language, names: dict[tuple[str, str], str
         "root": language.root,
         "multiply_add": language.multiply_add,
         "choose": "({} ? {} : {})",
-        "and": "({} & {})",
-        "or": "({} | {})",
+        "and": "({} && {})",
+        "or": "({} || {})",
         "not": "(!{})",
         **{operation: f"({{}} {operation} {{}})" for operation in BINARY},
     }

@@ -96,6 +96,7 @@ def test_a_table_and_conditions():
         (lambda x: max(x, 0.0), "no `if`"),
         (lambda x: x & 3, "bits of integers"),
         (lambda x: ~x, "bits of integers"),
+        (lambda x: x << 3, "bits of integers"),
         (lambda x: float(x), "plain number"),
         (lambda x: x + "1", "numbers and symbols only"),
     ],

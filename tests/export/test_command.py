@@ -2,9 +2,13 @@
 
 import json
 
+import gymnasium as gym
 import pytest
 
 from bicycle_env.cli import main
+from bicycle_env.control import LQR
+from bicycle_env.control.pretrained import place
+from bicycle_env.export import export_policy
 from bicycle_env.export.writing import write_folder
 from bicycle_env.files import FileError
 
@@ -36,8 +40,8 @@ def test_actuators_and_road_reach_the_source(tmp_path):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("--format", "rust"), "--format must be"),
-        (("--format", "js", "--fma"), "--fma goes with --format c"),
+        (("--format", "rust"), "format must be"),
+        (("--format", "js", "--fma"), "fma goes with the format c"),
         (("--tire", "fila"), "did you mean 'fiala'?"),
         (("--vehicle", "civi"), "did you mean 'civic'?"),
         (("--geometry", "exac"), "did you mean 'exact'?"),
@@ -47,6 +51,17 @@ def test_actuators_and_road_reach_the_source(tmp_path):
         (("--front-actuator", "angle=0.5"), "unknown field of --front-actuator 'angle'"),
         (("--front-actuator", "angle_limit=wide"), "--front-actuator must be FIELD=NUMBER"),
         (("--front-actuator", "angle_limit=9"), "angle_limit must be"),
+        (("--format", "casadi", "--fma"), "fma goes with the format c"),
+        (("--level", "hard"), "--level goes with --env-id"),
+        (("--env-id", "BicycleStab-v0", "--level", "har"), "did you mean 'hard'?"),
+        (("--env-id", "BicycleStap-v0"), "env_id: Environment `BicycleStap` doesn't exist. Did you mean"),
+        (("--env-id", "CartPole-v1"), "env_id must be an environment of this package"),
+        (("--env-id", "BicycleStab-v0", "--pushed"), "--pushed goes with a plant"),
+        (("--env-id", "BicycleStab-v0", "--format", "casadi"), "format must be one of 'c', 'js'"),
+        (("--policy", "pretrained"), "--tire has no meaning with --policy pretrained"),
+        (("--policy", "nobody"), "policy must be one of"),
+        (("--policy", "lqr", "--fma"), "--fma goes with a plant or a task"),
+        (("--policy", "mpc"), "policy 'mpc' cannot be written out"),
     ],
 )
 def test_every_mistake_is_one_line(words, text, tmp_path, capsys):
@@ -56,6 +71,44 @@ def test_every_mistake_is_one_line(words, text, tmp_path, capsys):
     assert printed.err.startswith("bicycle-env: error: ")
     assert printed.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--policy", "pretrained", "--env-id", "BicycleStab-v0", "--level", "har"), "policy must be one of 'medium'"),
+        (("--policy", "{tmp}"), "is not a policy folder"),
+    ],
+)
+def test_a_policy_that_is_not_there_is_one_line(words, text, tmp_path, capsys):
+    words = [word.format(tmp=tmp_path) for word in words]
+    assert main(["export", "--format", "c", *words, "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr().err
+    assert text in printed
+    assert printed.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (("--policy", "pretrained"), "bicycle_policy.c"),
+        (("--policy", str(place("BicycleStab-v0", "medium"))), "bicycle_policy.c"),
+        (("--policy", "lqr"), "bicycle_policy.c"),
+        (("--env-id", "BicycleStab-v0", "--level", "hard", "--fma"), "bicycle_task.c"),
+    ],
+)
+def test_policies_and_tasks(words, name, tmp_path, capsys):
+    assert main(["export", *words, "--format", "c", "--out", str(tmp_path)]) == 0
+    assert str(tmp_path / name) in capsys.readouterr().out.splitlines()
+
+
+def test_a_matrix_is_designed_as_for_the_environment(tmp_path):
+    """Without its compiled code, and for the same car."""
+    assert main(["export", "--policy", "lqr", "--speed-ratio", "1.4", "--format", "js", "--out", str(tmp_path)]) == 0
+    env = gym.make("BicycleStab-v0", speed_ratio=1.4)
+    export_policy(LQR(env.unwrapped), "js", tmp_path / "env", observation_names=env.unwrapped.observation_names)
+    name = "bicycle_policy.mjs"
+    assert (tmp_path / name).read_text() == (tmp_path / "env" / name).read_text()
 
 
 def test_what_somebody_else_wrote_is_kept(tmp_path, capsys):
