@@ -65,6 +65,7 @@ Python's.
   c       C99. Equal to the laws in plain Python to the bit; with --fma to the environments.
   js      a JavaScript module for browsers and node. Equal to the laws in plain Python to the bit.
   casadi  the car as x' = f(x, u), a casadi.Function in a file, for acados and do-mpc.
+  fmu     the car as an FMU 2.0 for co-simulation (Simulink, OpenModelica, FMPy), with a Linux binary if gcc is here.
 """
 EXPORT_EXAMPLES = """\
 examples:
@@ -171,7 +172,7 @@ def parser() -> Parser:
 
     written = commands.add_parser(
         "export",
-        help="the car, a task or a policy for C, JavaScript and CasADi",
+        help="the car, a task or a policy for C, JavaScript, CasADi, FMI",
         description=EXPORT,
         epilog=EXPORT_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -227,8 +228,8 @@ def _add_export(to: argparse.ArgumentParser) -> None:
         help="pretrained (that of the id and level), a folder of agents.train, or a linear controller such as lqr, "
         "designed for the car above in the id, by default BicycleStab-v0",
     )
-    to.add_argument("--format", required=True, metavar="WORD", help="c, js, or casadi")
-    to.add_argument("--fma", action="store_true", help="C: a multiply-add rounds once, as in the environments")
+    to.add_argument("--format", required=True, metavar="WORD", help="c, js; of a car also casadi, fmu")
+    to.add_argument("--fma", action="store_true", help="c, fmu: a multiply-add rounds once, as in the environments")
     to.add_argument("--out", required=True, metavar="DIR", help="folder for the files; made if needed")
     to.add_argument("--quiet", action="store_true", help="do not say what is being done")
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bicycle_env.export import c_source, casadi_file, javascript, policy, task
+from bicycle_env.export import c_source, casadi_file, fmu, javascript, policy, task
 from bicycle_env.export.plant import Plant, library, plant
 from bicycle_env.export.routines import Library
 from bicycle_env.export.writing import write_folder
@@ -15,7 +15,7 @@ from bicycle_env.physics.validation import choice
 __all__ = ["FORMATS", "LANGUAGES", "Plant", "export_plant", "export_policy", "export_task", "plant"]
 
 LANGUAGES = ("c", "js")
-FORMATS = (*LANGUAGES, "casadi")
+FORMATS = (*LANGUAGES, "casadi", "fmu")
 """Of a plant; tasks and policies come in `LANGUAGES` only."""
 
 
@@ -25,21 +25,26 @@ def export_plant(plant: Plant, format: str, out: str | Path, *, fma: bool = Fals
     Args:
         format: a word of ``FORMATS``.
         out: the folder; made if needed.
-        fma: of C, whether a multiply-add rounds once, as in the environments.
+        fma: of C and an FMU, whether a multiply-add rounds once, as in the environments.
 
     Returns:
         The paths of what was written.
 
     Raises:
-        ValueError: an unknown format; `fma` of another than C; a pushed plant for CasADi.
+        ValueError: an unknown format; `fma` of another than these; a pushed plant for CasADi.
         FileError: the folder holds a file of such a name that no export wrote.
         OSError: the folder cannot be written to.
         ModuleNotFoundError: CasADi is not installed.
     """
     choice("format", format, FORMATS)
     _check_fma(format, fma)
-    made = casadi_file.files(plant) if format == "casadi" else _source(library(plant), format, fma)
-    files: Mapping[str, str | bytes] = made
+    files: Mapping[str, str | bytes]
+    if format == "casadi":
+        files = casadi_file.files(plant)
+    elif format == "fmu":
+        files = fmu.files(plant, fma)
+    else:
+        files = _source(library(plant), format, fma)
     return write_folder(out, files, {"what": str(plant), "format": format, "fma": fma})
 
 
@@ -80,8 +85,8 @@ def export_policy(policy_object: Any, format: str, out: str | Path, *, observati
 
 
 def _check_fma(format: str, fma: bool) -> None:
-    if fma and format != "c":
-        raise ValueError(f"fma goes with the format c, got {format!r}")
+    if fma and format not in ("c", "fmu"):
+        raise ValueError(f"fma goes with the formats c and fmu, got {format!r}")
 
 
 def _source(made: Library, format: str, fma: bool) -> Mapping[str, str]:

@@ -14,6 +14,7 @@ from bicycle_env.control.network import load
 from bicycle_env.control.pretrained import PRETRAINED, load_policy
 from bicycle_env.control.registry import make
 from bicycle_env.envs.configuration import Configuration
+from bicycle_env.export.fmu import can_compile
 from bicycle_env.export.task import configuration_of
 from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.validation import known_keys
@@ -52,6 +53,8 @@ def run(chosen: argparse.Namespace, tell: Callable[[str], None]) -> list[Path]:
         plant = export.plant(**given, pushed=chosen.pushed)
         paths = export.export_plant(plant, chosen.format, chosen.out, fma=chosen.fma)
         tell(str(plant))
+        if chosen.format == "fmu" and not can_compile():
+            tell("no gcc for linux64 here: the FMU holds its C sources, and no binary")
         return paths
     if chosen.pushed:
         raise ValueError("--pushed goes with a plant: without --env-id and --policy")

@@ -41,7 +41,7 @@ def test_actuators_and_road_reach_the_source(tmp_path):
     ("words", "text"),
     [
         (("--format", "rust"), "format must be"),
-        (("--format", "js", "--fma"), "fma goes with the format c"),
+        (("--format", "js", "--fma"), "fma goes with the formats c and fmu"),
         (("--tire", "fila"), "did you mean 'fiala'?"),
         (("--vehicle", "civi"), "did you mean 'civic'?"),
         (("--geometry", "exac"), "did you mean 'exact'?"),
@@ -51,7 +51,7 @@ def test_actuators_and_road_reach_the_source(tmp_path):
         (("--front-actuator", "angle=0.5"), "unknown field of --front-actuator 'angle'"),
         (("--front-actuator", "angle_limit=wide"), "--front-actuator must be FIELD=NUMBER"),
         (("--front-actuator", "angle_limit=9"), "angle_limit must be"),
-        (("--format", "casadi", "--fma"), "fma goes with the format c"),
+        (("--format", "casadi", "--fma"), "fma goes with the formats c and fmu"),
         (("--level", "hard"), "--level goes with --env-id"),
         (("--env-id", "BicycleStab-v0", "--level", "har"), "did you mean 'hard'?"),
         (("--env-id", "BicycleStap-v0"), "env_id: Environment `BicycleStap` doesn't exist. Did you mean"),
