@@ -148,12 +148,7 @@ def _function(library: Library, routine: Routine, language: Language) -> str:
         values = [f"const double r{k + 1} = {value};" for k, value in enumerate(found.results)]
         writes = [*values, *(f"{place} = r{k + 1};" for k, place in enumerate(places))]
     body = [f"    {line}" for line in (*reads, *found.body, *writes)]
-    unused = [
-        f"    (void){argument.name};"
-        for argument in routine.taken
-        if not any((argument.name, field) in used for field in argument.fields)
-    ]
-    return "\n".join([*found.tables, prototype(library, routine), "{", *unused, *body, "}"])
+    return "\n".join([*found.tables, prototype(library, routine), "{", *body, "}"])
 
 
 def _test(library: Library, fma: bool) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bicycle_env import tires
-from bicycle_env.backends.trace import TRACE, TraceError, named, program
+from bicycle_env.backends.trace import TRACE, TRACE_FLOAT32, TraceError, named, program
 from bicycle_env.physics.elementary import PYTHON
 
 DOES = {
@@ -59,6 +59,19 @@ def test_elementary_functions(name):
     for x in [-0.0, 0.0, 0.3, 1.0, 1.5707, *([-0.3, -1.5] if name != "sqrt" else [])]:
         (value,), wanted = done(found, {"x": x}), float(getattr(PYTHON, name)(x))
         assert np.float64(value).tobytes() == np.float64(wanted).tobytes(), x
+
+
+def test_numbers_stand_on_either_side():
+    found = traced(lambda xp: lambda x: (1.0 - x) / (3.0 / x - (x - 2.0)) - (x / 5.0 + (1.5 * x + 2)), "x")
+    x = 0.7
+    assert done(found, {"x": x}) == [(1.0 - x) / (3.0 / x - (x - 2.0)) - (x / 5.0 + (1.5 * x + 2))]
+
+
+def test_single_precision_takes_shorter_polynomials():
+    short, long = program([TRACE_FLOAT32.tanh(named("x"))]), program([TRACE.tanh(named("x"))])
+    assert short.operations < long.operations
+    for x in (-3.0, 0.2, 1.0, 19.0):
+        assert done(short, {"x": x})[0] == pytest.approx(math.tanh(x), rel=1e-7)
 
 
 def test_an_operation_on_the_same_numbers_is_done_once():

@@ -66,6 +66,8 @@ def test_the_same_plant_gives_the_same_bytes(made, tmp_path):
     plant, folder, _ = made
     export.export_plant(plant, "fmu", tmp_path)
     assert (tmp_path / "bicycle_plant.fmu").read_bytes() == (folder / "bicycle_plant.fmu").read_bytes()
+    with zipfile.ZipFile(tmp_path / "bicycle_plant.fmu") as file:
+        assert {part.date_time[0] for part in file.infolist()} == {1980}
 
 
 @needs_binary

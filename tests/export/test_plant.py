@@ -1,9 +1,11 @@
 """The exported plant: C and JavaScript give what the laws give in plain Python, to the bit, and with --fma the env."""
 
+import re
+
 import gymnasium as gym
 import numpy as np
 import pytest
-from building import build, c_test, js_test, needs_gcc, needs_node, run
+from building import FLAGS, build, c_test, js_test, needs_gcc, needs_node, run
 
 from bicycle_env import export, tires
 from bicycle_env.export.plant import library, routines
@@ -100,6 +102,14 @@ def test_fused_c_is_the_environment(tmp_path):
     assert code == 0
     found = [tuple(map(float.fromhex, line.split())) for line in said.splitlines()]
     assert found == states[1:]
+
+
+@needs_gcc
+def test_the_header_says_how_to_check_it(tmp_path):
+    export.export_plant(export.plant(tire="linear"), "c", tmp_path)
+    (command,) = re.findall(r"Check it: (.*)", (tmp_path / f"{NAME}.h").read_text())
+    assert set(FLAGS) <= set(command.split())
+    assert run("sh", "-c", command, folder=tmp_path) == (0, f"0 of 96 test vectors of {NAME} differ\n")
 
 
 @needs_gcc
