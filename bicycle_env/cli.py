@@ -1,4 +1,4 @@
-"""The command ``bicycle-env``: report, cars, leaderboard, policies at work. ``python -m bicycle_env`` is the same."""
+"""The command ``bicycle-env``: report, cars, leaderboard, play, export. ``python -m bicycle_env`` is the same."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from bicycle_env.backends import announcements
 from bicycle_env.backends.compiled import CompilerDisabledError
 from bicycle_env.files import anything, checked_output_folder, mapping, parse_json, shown
 from bicycle_env.installation import install_line
+from bicycle_env.physics.lateral import GEOMETRIES
 from bicycle_env.physics.validation import choice, whole
 from bicycle_env.physics.vehicle import UnitWarning
 from bicycle_env.streams import take_any_text
@@ -66,6 +67,35 @@ examples:
   bicycle-env play --env-id BicycleEvade-v0 --level hard --policy pretrained --starts 5
   bicycle-env play --env-id BicycleDoubleLaneChange-v0 --policy human --rear yaw-rate
   bicycle-env play --env-id BicycleStab-v0 --policy lqr --starts 20 --out runs.npz
+"""
+EXPORT = """\
+The laws of this package written out for other languages, with test vectors and a program that checks them.
+
+The car (default): one RK4 substep of the single-track model with its tires and actuators is a function of state,
+command, car and timestep, and a control step loops over it. All numbers of the car are arguments, so the same functions
+serve for other cars, speeds and roads; the tire law, the geometry and whether tires relax are in the code.
+
+A task (--env-id): start, step and observe, so that whole episodes run in the other language.
+
+A policy (--policy): LQR as a matrix, a network as arrays, in single precision; the test prints how far it is from
+Python's.
+
+  c       C99. Equal to the laws in plain Python to the bit; with --fma to the environments.
+  js      a JavaScript module for browsers and node. Equal to the laws in plain Python to the bit.
+  casadi  the car as x' = f(x, u), a casadi.Function in a file, for acados and do-mpc.
+  fmu     the car as an FMU 2.0 for co-simulation (Simulink, OpenModelica, FMPy), with a Linux binary if gcc is here.
+"""
+EXPORT_EXAMPLES = """\
+examples:
+  bicycle-env export --vehicle oversteer --tire fiala --format c --out car
+  cd car && gcc -std=c99 -Wall -ffp-contract=off bicycle_plant.c bicycle_plant_test.c -o t -lm && ./t
+  bicycle-env export --vehicle my_car.toml --speed 35 --tire magic_formula --relaxation-length 0.5 --format js --out car
+  bicycle-env export --front-actuator angle_limit=0.5,rate_limit=inf --format casadi --out car
+  bicycle-env export --env-id BicycleEvade-v0 --level hard --format js --out evade
+  bicycle-env export --policy pretrained --env-id BicycleStab-v0 --format c --out policy
+  bicycle-env export --policy lqr --vehicle oversteer --speed-ratio 1.3 --format c --out policy
+
+docs/export.md says how to use what is written.
 """
 
 
@@ -124,23 +154,7 @@ def parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    one.add_argument(
-        "--vehicle",
-        default="oversteer",
-        metavar="NAME|FILE",
-        help="a preset (see bicycle-env vehicles), or a file that ends in .json or .toml; default: oversteer",
-    )
-    speed = one.add_mutually_exclusive_group()
-    speed.add_argument("--speed", type=float, metavar="M/S", help="{:g} to {:g} m/s".format(*report.SPEEDS))
-    speed.add_argument(
-        "--speed-ratio",
-        type=float,
-        metavar="RATIO",
-        help=f"a multiple of the critical speed; default: {report.DEFAULT_SPEED_RATIO:g}, or "
-        f"{report.DEFAULT_SPEED:g} m/s for a car without critical speed",
-    )
-    one.add_argument("--tire", default="fiala", metavar="LAW", help=f"{', '.join(tires.LAWS)}; default: fiala")
-    one.add_argument("--friction", type=float, default=1.0, metavar="MU", help="of tire on road; default: 1")
+    _add_car(one)
     one.add_argument("--out", metavar="DIR", help="folder for report.html and its pictures; made if needed")
     one.add_argument("--json", action="store_true", help="print the numbers as JSON")
     one.add_argument(
@@ -174,6 +188,7 @@ def parser() -> Parser:
     board.add_argument("--json", action="store_true", help="print all that the file holds of them as JSON")
     board.set_defaults(run=run_leaderboard)
     _add_play(commands)
+    _add_export(commands)
     return top
 
 
@@ -199,6 +214,66 @@ def _add_play(commands: Any) -> None:
     show.add_argument("--starts", type=int, default=1, metavar="N", help="how many, one after the other; default: 1")
     show.add_argument("--seed", type=int, default=0, metavar="N", help="of the first start; default: 0")
     show.set_defaults(run=run_play)
+
+
+def _add_car(to: argparse.ArgumentParser) -> None:
+    """The words for one car at one speed on one road."""
+    to.add_argument(
+        "--vehicle",
+        default="oversteer",
+        metavar="NAME|FILE",
+        help="a preset (see bicycle-env vehicles), or a file that ends in .json or .toml; default: oversteer",
+    )
+    speed = to.add_mutually_exclusive_group()
+    speed.add_argument("--speed", type=float, metavar="M/S", help="{:g} to {:g} m/s".format(*report.SPEEDS))
+    speed.add_argument(
+        "--speed-ratio",
+        type=float,
+        metavar="RATIO",
+        help=f"a multiple of the critical speed; default: {report.DEFAULT_SPEED_RATIO:g}, or "
+        f"{report.DEFAULT_SPEED:g} m/s for a car without critical speed",
+    )
+    to.add_argument("--tire", default="fiala", metavar="LAW", help=f"{', '.join(tires.LAWS)}; default: fiala")
+    to.add_argument("--friction", type=float, default=1.0, metavar="MU", help="of tire on road; default: 1")
+
+
+def _add_export(commands: Any) -> None:
+    to = commands.add_parser(
+        "export",
+        help="the car, a task or a policy for C, JavaScript, CasADi, FMI",
+        description=EXPORT,
+        epilog=EXPORT_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    _add_car(to)
+    to.set_defaults(run=run_export, vehicle=None, tire=None, friction=None)
+    to.add_argument(
+        "--geometry",
+        metavar="WORD",
+        help=f"{', '.join(GEOMETRIES)}; default: small_angle for the linear tire, exact for the others",
+    )
+    to.add_argument("--relaxation-length", type=float, metavar="M", help="of tires whose forces lag; default: none lag")
+    for axle in ("front", "rear"):
+        to.add_argument(
+            f"--{axle}-actuator",
+            metavar="FIELD=NUMBER,...",
+            help="angle_limit [rad], rate_limit [rad/s], time_constant [s]; default: the environments'",
+        )
+    to.add_argument("--physics-timestep", type=float, metavar="S", help="default: 0.004 s")
+    to.add_argument("--pushed", action="store_true", help="the car's side_force and yaw_moment (a gust) act")
+    to.add_argument("--env-id", metavar="ID", help="a task, with its own defaults for all above; or a policy's")
+    to.add_argument("--level", metavar="WORD", help="of the id: easy, medium or hard")
+    to.add_argument(
+        "--policy",
+        metavar="NAME|FOLDER",
+        help="pretrained (that of the id and level), a folder of agents.train, or a linear controller such as lqr, "
+        "designed for the car above in the id, by default BicycleStab-v0",
+    )
+    to.add_argument("--format", required=True, metavar="WORD", help="c, js; of a car also casadi, fmu")
+    to.add_argument("--fma", action="store_true", help="c, fmu: a multiply-add rounds once, as in the environments")
+    to.add_argument("--out", required=True, metavar="DIR", help="folder for the files; made if needed")
+    to.add_argument("--quiet", action="store_true", help="do not say what is being done")
 
 
 def run_report(chosen: argparse.Namespace) -> None:
@@ -297,6 +372,22 @@ def run_play(chosen: argparse.Namespace) -> None:
     except (ValueError, TypeError, gym.error.Error, play.NoDisplayError) as error:
         # Gymnasium adds words of its own to what an environment says.
         raise UserError(str(error).partition(" was raised from the environment creator for ")[0]) from None
+
+
+def run_export(chosen: argparse.Namespace) -> None:
+    """``bicycle-env export``."""
+    from bicycle_env.export import command
+
+    def tell(words: str) -> None:
+        if not chosen.quiet:
+            sys.stderr.write(f"{words}\n")
+
+    try:
+        with announcements.silenced(chosen.quiet):
+            paths = command.run(chosen, tell)
+    except (ValueError, TypeError) as error:
+        raise UserError(str(error)) from None
+    sys.stdout.write("".join(f"{path}\n" for path in paths))
 
 
 def _write_json(content: Any) -> None:

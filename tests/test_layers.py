@@ -70,6 +70,10 @@ ROWS = {
     "wrappers.sb3_vec_env": Row(set(), {"gymnasium", "numpy", "stable_baselines3"}),  # imported when first named
     "plots": Row({*BELOW_ENVS, "files", "installation"}, {"numpy"}, lazy_packages={"matplotlib"}),
     "optimum": Row({*BELOW_ENVS, "control", "envs"}, {"gymnasium", "numpy"}),  # on top: no other row names it
+    "export": Row(  # on top, imported by the command alone
+        {*BELOW_ENVS, "control", "envs", "files", "installation", "root"},
+        {"numpy", "numba", "gymnasium"},
+    ),
     "registration": Row(set(), {"gymnasium"}, lazy_layers={"envs"}),
     "root": Row(
         {"physics", "simulation", "analysis", "tasks", "registration"},
@@ -82,7 +86,10 @@ ROWS = {
     "leaderboard": Row({"files", "physics"}, set()),
     "report": Row(EVERYTHING | {"report"}, {"numpy", "scipy"}, lazy_packages={"matplotlib", "gymnasium", "control"}),
     "cli": Row(
-        EVERYTHING | {"report", "leaderboard"}, set(), lazy_layers={"play"}, lazy_packages={"numpy", "gymnasium"}
+        EVERYTHING | {"report", "leaderboard"},
+        set(),
+        lazy_layers={"export", "play"},
+        lazy_packages={"numpy", "gymnasium"},
     ),
 }
 
@@ -238,6 +245,8 @@ def test_the_layers_exist():
         ("rendering", "import matplotlib"),
         ("wrappers", "def f():\n    from bicycle_env.report import tables"),
         ("control", "from bicycle_env.optimum import tune"),
+        ("envs", "def f():\n    from bicycle_env.export import plant"),
+        ("cli", "from bicycle_env.export import command"),
         ("envs", "def f():\n    from bicycle_env.optimum import search_steering"),
         ("wrappers", "def f():\n    import stable_baselines3"),
         ("envs", "from bicycle_env.cli import main"),
@@ -264,6 +273,7 @@ def test_the_rules_catch(layer, source):
         ("envs", "def f():\n    import torch\n    from bicycle_env.rendering.viewer import Viewer"),
         ("control", "from bicycle_env.tasks.task import Task"),
         ("cli", "from bicycle_env import report, simulate, envs"),
+        ("cli", "def f():\n    from bicycle_env.export import command"),
     ],
 )
 def test_the_rules_allow(layer, source):
@@ -289,7 +299,7 @@ def test_the_package_and_an_environment_are_light():
         "import gymnasium as gym\n"
         "import bicycle_env\n"
         "import bicycle_env.wrappers\n"
-        "assert 'bicycle_env.control' not in sys.modules\n"
+        "assert not {'bicycle_env.control', 'bicycle_env.export', 'bicycle_env.backends.trace'} & set(sys.modules)\n"
         "bicycle_env.load_policy('BicycleStab-v0')\n"
         "bicycle_env.plots.episode\n"
         "gym.make('BicycleStab-v0')\n"

@@ -142,7 +142,8 @@ class StateFeedback(Policy):
     """Base of the linear controllers: action = -gain x + feedforward' observation, clipped.
 
     x are the states ``STATE_NAMES``, lateral positions counted from the car, so that the first is 0 and the path comes
-    in by the feedforward. Attributes: ``gain`` (axles, 6) and the ``model`` that it was designed for.
+    in by the feedforward. Attributes: ``gain`` (axles, 6), the ``model`` that it was designed for, and ``matrix``
+    (entries, axles), by which the observation is multiplied.
     """
 
     model: LinearModel
@@ -150,10 +151,10 @@ class StateFeedback(Policy):
 
     def __init__(self, plant: Plant, model: LinearModel, gain: Matrix, feedforward: Matrix) -> None:
         self.model, self.gain = model, gain
-        self._matrix = feedforward - Reading(plant).state_feedback(gain)
+        self.matrix = feedforward - Reading(plant).state_feedback(gain)
 
     def act(self, observation: Array) -> NDArray[np.float32]:
-        action: Any = np.clip(product(observation, self._matrix), -1.0, 1.0)
+        action: Any = np.clip(product(observation, self.matrix), -1.0, 1.0)
         return np.asarray(action, np.float32)
 
 

@@ -10,8 +10,9 @@ from typing import Any
 from bicycle_env.control.policy import Plant
 from bicycle_env.installation import needs
 from bicycle_env.physics import elementary
-from bicycle_env.physics.car import CarState, car_on_road
+from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.integrators import rk4
+from bicycle_env.physics.model import Model
 
 
 def casadi() -> Any:
@@ -64,3 +65,13 @@ def control_step(plant: Plant, substeps: int) -> Any:
 def steered_axles(plant: Plant) -> tuple[int, ...]:
     """The axles that actions steer, in their order: 0 front, 1 rear."""
     return {"front": (0,), "rear": (1,), "both": (0, 1)}[plant.steer]
+
+
+def continuous(model: Model, car: CarParameters) -> Any:
+    """A ``casadi.Function`` x' = f(x, u): the state by the model's names, u the two commands [rad]; no rate limits."""
+    ca, xp = casadi(), casadi_namespace()
+    rates = model.actuated_rates(xp)
+    state, command = ca.SX.sym("state", len(model.State._fields)), ca.SX.sym("command", 2)
+    unlimited = car._replace(front_rate_limit=math.inf, rear_rate_limit=math.inf)
+    moving = rates(model.State(*ca.vertsplit(state)), tuple(ca.vertsplit(command)), unlimited)
+    return ca.Function("plant", [state, command], [ca.vertcat(*moving)], ["state", "command"], ["rate"])
