@@ -219,17 +219,15 @@ def headroom() -> str:
             cells.append(optimum(part))
             lines.append(f"| `{part['env_id']}` {part['level']} | " + " | ".join(cells) + " |")
     counts = {row["starts"] for part in result["settings"].values() for row in part["drivers"].values()}
-    minutes = sum(row["seconds"] for part in result["settings"].values() for row in part["drivers"].values()) / 60
-    measured = ", ".join(
-        f"{part['processor_seconds'] / 60:.0f} of `{part['env_id']}` {part['level']}"
-        for part in result["settings"].values()
-        if "processor_seconds" in part
+    clock, processor = (
+        result["seconds"] / 60,
+        sum(part["processor_seconds"] for part in result["settings"].values()) / 60,
     )
     more = (
         f'{max(counts)} starts for the controllers, the first 200 of them for "best found", the first 64 for "without '
-        f'knowing"; the room is over the same starts. {minutes:.0f} minutes in all, on a loaded machine, each setting '
-        f"at the revision that it says; processor minutes, where measured: {measured}; `results/headroom.json`. In "
-        "brackets: 95 % intervals."
+        f'knowing"; the room is over the same starts. {processor:.0f} processor minutes of one core for all '
+        f"{len(result['settings'])} settings of `results/headroom.json`; {clock:.0f} minutes by the clock "
+        f"over {result['processes']} cores that did other work, too. In brackets: 95 % intervals."
     )
     return "\n".join([*lines, "", made(result, more)])
 
