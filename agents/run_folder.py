@@ -85,7 +85,7 @@ RECORD_CHECK = table(
     {
         "env_id": text(200),
         "env_keywords": mapping(anything),
-        "algo": one_of([*settings.ALGORITHMS, *settings.OWN]),
+        "algo": one_of([*settings.ALGORITHMS, *settings.OWN, settings.RLLIB]),
         "seed": whole_in(0, 2**63),
         "settings": anything,  # checked with the algorithm known
         "finished": flag,

@@ -28,6 +28,7 @@ from bicycle_env.physics.validation import flag
 CONFIGS = Path(__file__).parent / "configs"
 DEFAULT = "BicycleStab-v0"
 ALGORITHMS = ("ppo", "sac", "td3")
+RLLIB = "rllib-ppo"
 ACTIVATIONS = ("tanh", "relu")
 
 SHARE, COUNT = number_in(0.0, 1.0), whole_in(1, 10**8)

@@ -4,8 +4,8 @@
     .venv-rllib/bin/python -m agents.train_rllib --env-id BicycleStab-v0 --runners 2 --out runs/stab-rllib
 
 RLlib 2.60 needs gymnasium 1.2.2, so it has an environment of its own. Every runner is a process that drives some cars
-in one native vector environment; the learner is another. On one machine agents.ppo is many times faster: this is for
-clusters (`ray.init` finds the one that RAY_ADDRESS names), and for whoever has RLlib's tools already.
+in one native vector environment; the learner is another. On one machine agents.ppo makes several times the steps: this
+is for clusters (`ray.init` finds the one that RAY_ADDRESS names), and for whoever has RLlib's tools already.
 
 The best policy by success on 500 starts of their own is kept, as policy.safetensors and policy.json; run.json,
 curve.csv and RLlib's own checkpoint, from which --resume goes on, stand beside it.
@@ -16,6 +16,7 @@ from __future__ import annotations
 import importlib
 import logging
 import math
+import os
 import time
 import warnings
 from dataclasses import dataclass
@@ -36,7 +37,7 @@ from agents.run_folder import begun, earlier_record, held, refuse_run
 from bicycle_env import control, optimum, provenance
 from bicycle_env.backends import announcements
 
-ALGORITHM = "rllib-ppo"
+ALGORITHM = settings.RLLIB
 SELECTED, SELECTION_SEED = 500, 0
 CHECKPOINT = "rllib"
 """Folder of RLlib's own, below the run's."""
@@ -143,6 +144,7 @@ def network(module: Any, names: list[str], description: dict[str, Any]) -> contr
 
 def train(args: Args, console: Console) -> int:
     """Train as the arguments say; gives the exit code."""
+    os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")  # what it calls errors there is none
     try:
         ray: Any = importlib.import_module("ray")
     except ModuleNotFoundError:
@@ -173,7 +175,8 @@ def train(args: Args, console: Console) -> int:
         if before is not None:
             record["resumed"] = [*before.get("resumed", []), {"exact": False, "reason": "RLlib's checkpoint"}]
         folder.write_record(record)
-        logging.getLogger("ray").setLevel(logging.ERROR)
+        for name in ("ray", "ray.rllib"):
+            logging.getLogger(name).setLevel(logging.ERROR)
         ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False, ignore_reinit_error=True)
         algorithm = configuration(args, keywords).build_algo()
         place, curve, steps = path / CHECKPOINT, list[str](), 0
