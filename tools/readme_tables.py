@@ -219,15 +219,12 @@ def headroom() -> str:
             cells.append(optimum(part))
             lines.append(f"| `{part['env_id']}` {part['level']} | " + " | ".join(cells) + " |")
     counts = {row["starts"] for part in result["settings"].values() for row in part["drivers"].values()}
-    clock, processor = (
-        result["seconds"] / 60,
-        sum(part["processor_seconds"] for part in result["settings"].values()) / 60,
-    )
+    processor = sum(part["processor_seconds"] for part in result["settings"].values()) / 60
     more = (
         f'{max(counts)} starts for the controllers, the first 200 of them for "best found", the first 64 for "without '
         f'knowing"; the room is over the same starts. {processor:.0f} processor minutes of one core for all '
-        f"{len(result['settings'])} settings of `results/headroom.json`; {clock:.0f} minutes by the clock "
-        f"over {result['processes']} cores that did other work, too. In brackets: 95 % intervals."
+        f"{len(result['settings'])} settings of `results/headroom.json`, each of which says its revision. In brackets: "
+        "95 % intervals."
     )
     return "\n".join([*lines, "", made(result, more)])
 
