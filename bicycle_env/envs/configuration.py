@@ -22,7 +22,7 @@ from bicycle_env.physics.car import CarParameters, CarState, car_on_road
 from bicycle_env.physics.integrators import check_timestep
 from bicycle_env.physics.linear_single_track import fastest_rate, straight_running
 from bicycle_env.physics.model import Model
-from bicycle_env.physics.presets import resolve_tired
+from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.records import record_of
 from bicycle_env.physics.relaxed_single_track import RelaxedSingleTrack
 from bicycle_env.physics.single_track import SingleTrack
@@ -246,9 +246,9 @@ def configure(task: Task, setup: Setup, time_limit: int | None = None) -> Config
     usual_speed = task.usual_speed
     task = altered(task, **{name: getattr(setup, name) for name in ADDED})
     check(task)
-    vehicle, tire = resolve_tired(setup.vehicle, setup.tire)
+    vehicle = resolve_vehicle(setup.vehicle)
     relaxed = setup.relaxation_length is not None
-    model: Model = (RelaxedSingleTrack if relaxed else SingleTrack).of(tire, setup.geometry)
+    model: Model = (RelaxedSingleTrack if relaxed else SingleTrack).of(setup.tire, setup.geometry)
     relaxation_length = in_range("relaxation_length", setup.relaxation_length) if relaxed else None
     speed = resolve_speed(vehicle, setup.speed, setup.speed_ratio, usual_speed)
     steer = choice("steer", setup.steer, STEER_MODES)

@@ -1,4 +1,4 @@
-"""CommonRoad's vehicle parameters as a ``Vehicle``'s fields (M. Althoff, G. Würsching: CommonRoad: Vehicle Models, 2020).
+"""CommonRoad's vehicle parameters as fields of a ``Vehicle`` (Althoff, Würsching: CommonRoad: Vehicle Models, 2020).
 
 Their single-track model has at each axle the cornering stiffness mu C_S F_z with mu = p_dy1 and C_S = -p_ky1 / p_dy1:
 -p_ky1 per rad of the static load. What their other models have (roll, suspension, wheels) has no place here.

@@ -12,7 +12,8 @@ import pytest
 from bicycle_env import report, tires, vehicles
 from bicycle_env.cli import main
 from bicycle_env.envs.configuration import configure
-from bicycle_env.envs.setup import Setup
+from bicycle_env.envs.fleet import configure_alike, with_options
+from bicycle_env.envs.origin import origin_of
 from bicycle_env.physics.presets import resolve_tired
 from bicycle_env.physics.tires import MagicFormula, TireFile, TireFileWarning
 from bicycle_env.tasks.stabilise import Stabilise
@@ -132,11 +133,21 @@ def test_where_a_car_is_made_the_file_sets_law_and_stiffnesses(written):
     assert car == CAR.with_tires(path)
     assert law == MagicFormula(1.3507, TireFile.read(path).curvature((CAR.front_axle_load + CAR.rear_axle_load) / 4.0))
     with pytest.warns(TireFileWarning):
-        configuration = configure(Stabilise(), Setup(vehicle="civic", tire=str(path), speed=30.0))
+        origin = origin_of(Stabilise(), {"vehicle": "civic", "tire": str(path), "speed": 30.0})
+    configuration = configure(*origin[:3])  # which reads no file, nor do the resets
     assert (configuration.vehicle, configuration.tire) == (car, law)
+    other = configure(origin.task, with_options(configure_alike(origin), {"vehicle": "tsx"}), None)
+    assert (other.vehicle, other.tire) == (vehicles["tsx"], law)
     with pytest.warns(TireFileWarning):
         study = report.study("civic", tire=str(path))
     assert (study.vehicle, study.tire) == (car, law)
+
+
+def test_with_a_vehicle_per_car_the_file_is_refused_with_the_way(written):
+    with pytest.raises(
+        ValueError, match=r"^tire: a property file goes with one vehicle, .* each its vehicle.with_tires"
+    ):
+        origin_of(Stabilise(), {"vehicle": ["civic", "tsx"], "tire": written()})
 
 
 def test_elsewhere_a_file_is_refused_with_the_way():
