@@ -27,10 +27,11 @@ import bicycle_env  # noqa: F401  (registers the environments)
 from agents import messages, scores, trained
 from agents.episodes import evaluate, summarise
 from agents.messages import UserError
-from bicycle_env import Vehicle, control, provenance
+from bicycle_env import Vehicle, control, provenance, tires
 from bicycle_env.envs.registered_fleet import registered_spec
 from bicycle_env.envs.single.single_track_env import SingleTrackEnv
 from bicycle_env.files import anything, mapping, parse_json, shown, write_json
+from bicycle_env.physics.presets import resolve_tired
 from bicycle_env.tasks.task import Task
 
 
@@ -126,18 +127,25 @@ def _made(env_id: str, make: Callable[[], Any]) -> Any:
 def parse_keywords(text: str) -> dict[str, Any]:
     """Environment keywords from JSON text.
 
-    A car's file is replaced by the car in it: what is written down about a run must not depend on a file of today.
+    A car's or a tire's file is replaced by what is in it: what is written down about a run must not depend on a file of
+    today.
     """
     try:
         keywords: dict[str, Any] = parse_json(text, "--env-keywords", mapping(anything))
     except ValueError as error:
         raise UserError(f"{error}; it must be a JSON object, got {shown(repr(text))}") from None
-    vehicle = keywords.get("vehicle")
-    if isinstance(vehicle, str) and Path(vehicle).suffix.lower() in (".json", ".toml"):
-        try:
+    vehicle, tire, name = keywords.get("vehicle"), keywords.get("tire"), "vehicle"
+    try:
+        if isinstance(vehicle, str) and Path(vehicle).suffix.lower() in (".json", ".toml", ".yaml", ".yml"):
             keywords["vehicle"] = dataclasses.asdict(Vehicle.read(vehicle))
-        except (TypeError, ValueError, OSError) as error:
-            raise UserError(f"--env-keywords: vehicle: {shown(error)}") from None
+        if tires.is_tire_file(tire):
+            name = "tire"
+            if vehicle is None:
+                raise ValueError("a property file sets a car's cornering stiffnesses: give the vehicle, too")
+            car, law = resolve_tired(keywords["vehicle"], tire)
+            keywords |= {"vehicle": dataclasses.asdict(car), "tire": dataclasses.asdict(law)}
+    except (TypeError, ValueError, OSError) as error:
+        raise UserError(f"--env-keywords: {name}: {shown(error)}") from None
     return keywords
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import shutil
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
 from bicycle_env import __version__, leaderboard, report, tires
@@ -17,8 +18,7 @@ from bicycle_env.backends.compiled import CompilerDisabledError
 from bicycle_env.files import anything, checked_output_folder, mapping, parse_json, shown
 from bicycle_env.installation import install_line
 from bicycle_env.physics.lateral import GEOMETRIES
-from bicycle_env.physics.validation import choice, whole
-from bicycle_env.physics.vehicle import UnitWarning
+from bicycle_env.physics.validation import whole
 from bicycle_env.streams import take_any_text
 
 PROGRAM = "bicycle-env"
@@ -36,6 +36,7 @@ examples:
   bicycle-env report --vehicle civic --speed 40 --out report-civic
   bicycle-env report --vehicle oversteer --speed-ratio 1.2 --tire magic_formula --friction 0.3 --out icy
   bicycle-env report --vehicle my_car.toml --speed 35
+  bicycle-env report --vehicle parameters_vehicle2.yaml --tire my_tire.tir --out report-mine
   bicycle-env report --vehicle neutral --json | jq .figures.damping_ratio
 
 a car of one's own, my_car.toml (or the same names in my_car.json):
@@ -222,7 +223,7 @@ def _add_car(to: argparse.ArgumentParser) -> None:
         "--vehicle",
         default="oversteer",
         metavar="NAME|FILE",
-        help="a preset (see bicycle-env vehicles), or a file that ends in .json or .toml; default: oversteer",
+        help="a preset (see bicycle-env vehicles), or a file: .json, .toml, or CommonRoad's .yaml; default: oversteer",
     )
     speed = to.add_mutually_exclusive_group()
     speed.add_argument("--speed", type=float, metavar="M/S", help="{:g} to {:g} m/s".format(*report.SPEEDS))
@@ -233,7 +234,12 @@ def _add_car(to: argparse.ArgumentParser) -> None:
         help=f"a multiple of the critical speed; default: {report.DEFAULT_SPEED_RATIO:g}, or "
         f"{report.DEFAULT_SPEED:g} m/s for a car without critical speed",
     )
-    to.add_argument("--tire", default="fiala", metavar="LAW", help=f"{', '.join(tires.LAWS)}; default: fiala")
+    to.add_argument(
+        "--tire",
+        default="fiala",
+        metavar="LAW|FILE",
+        help=f"{', '.join(tires.LAWS)}, or a .tir file, which sets the car's stiffnesses, too; default: fiala",
+    )
     to.add_argument("--friction", type=float, default=1.0, metavar="MU", help="of tire on road; default: 1")
 
 
@@ -305,28 +311,24 @@ def run_report(chosen: argparse.Namespace) -> None:
 
 
 def _study(chosen: argparse.Namespace) -> report.Study:
-    """What the user asks about; a UserError names what is wrong with it, and a line what looks wrong."""
-    with warnings.catch_warnings(record=True) as remarks:
-        warnings.simplefilter("always", UnitWarning)
-        study = _checked_study(chosen)
-    for remark in remarks:
-        sys.stderr.write(f"{PROGRAM}: remark: {shown(remark.message, 1000)}\n")
-    return study
-
-
-def _checked_study(chosen: argparse.Namespace) -> report.Study:
+    """What the user asks about; a UserError names what is wrong with it."""
     try:
-        choice("tire", chosen.tire, tires.LAWS)
-        return report.study(
-            chosen.vehicle,
-            speed=chosen.speed,
-            speed_ratio=chosen.speed_ratio,
-            tire=chosen.tire,
-            friction=chosen.friction,
-            grid=chosen.grid,
-        )
+        with _remarks():
+            return report.study(
+                chosen.vehicle, chosen.speed, chosen.speed_ratio, chosen.tire, chosen.friction, chosen.grid
+            )
     except (ValueError, TypeError) as error:
         raise UserError(str(error)) from None
+
+
+@contextlib.contextmanager
+def _remarks() -> Iterator[None]:
+    """What looks wrong with a car, and what of a tire's file is not taken, as lines on standard error."""
+    with warnings.catch_warnings(record=True) as remarks:
+        warnings.simplefilter("always", UserWarning)
+        yield
+    for remark in remarks:
+        sys.stderr.write(f"{PROGRAM}: remark: {shown(remark.message, 1000)}\n")
 
 
 def run_vehicles(chosen: argparse.Namespace) -> None:
@@ -383,7 +385,7 @@ def run_export(chosen: argparse.Namespace) -> None:
             sys.stderr.write(f"{words}\n")
 
     try:
-        with announcements.silenced(chosen.quiet):
+        with announcements.silenced(chosen.quiet), _remarks():
             paths = command.run(chosen, tell)
     except (ValueError, TypeError) as error:
         raise UserError(str(error)) from None

@@ -19,7 +19,7 @@ from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.integrators import check_timestep, rk4
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.model import Model
-from bicycle_env.physics.presets import resolve_vehicle
+from bicycle_env.physics.presets import resolve_tired
 from bicycle_env.physics.relaxed_single_track import RelaxedSingleTrack
 from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.physics.validation import checked_speed, in_range, known_keys, number, positive
@@ -66,7 +66,7 @@ def simulate(
     Raises:
         ValueError, TypeError: a bad value, named with its allowed range; a timestep too long for RK4.
     """
-    vehicle = resolve_vehicle(vehicle)
+    vehicle, tire = resolve_tired(vehicle, tire)
     model: Model = (SingleTrack if relaxation_length is None else RelaxedSingleTrack).of(tire, geometry)
     speed = checked_speed(speed)
     duration = positive("duration", duration)

@@ -12,8 +12,8 @@ from bicycle_env.physics.actuators import Actuator
 from bicycle_env.tasks.task import Task
 
 ARGUMENTS = """\
-| vehicle | a name in `bicycle_env.vehicles`, a file (.toml, .json), a `Vehicle` or a dict |
-| tire | `"linear"`, `"tanh"`, `"fiala"`, `"magic_formula"`, a tire object or a dict |
+| vehicle | a name in `bicycle_env.vehicles`, a file (.toml, .json, CommonRoad's .yaml), a `Vehicle` or a dict |
+| tire | `"linear"`, `"tanh"`, `"fiala"`, `"magic_formula"`, a file (.tir), a tire object or a dict |
 | speed | m/s; not with speed_ratio; 30 if neither is given and the vehicle has no critical speed |
 | speed_ratio | speed as a multiple of the vehicle's critical speed; 1.2 if neither is given |
 | steer | `"front"`, `"rear"` or `"both"` |

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import os
 from collections.abc import Mapping
 from typing import Any
 
 from bicycle_env.physics.actuators import FRONT, REAR, Actuator
-from bicycle_env.physics.tires import Tire
+from bicycle_env.physics.presets import resolve_tired
+from bicycle_env.physics.tires import Tire, is_tire_file
 from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.rewards import Reward
@@ -61,8 +63,20 @@ OF_MAKERS = (
 
 
 def taken_from(keywords: dict[str, Any]) -> Setup:
-    """The setup of some keywords; they are taken out, and what is left is the task's."""
-    return Setup(**{name: keywords.pop(name) for name in NAMES if name in keywords})
+    """The setup of some keywords; they are taken out, and what is left is the task's.
+
+    A tire's property file is read here, once: what a reset changes of a car later finds the law.
+    """
+    setup = Setup(**{name: keywords.pop(name) for name in NAMES if name in keywords})
+    if not is_tire_file(setup.tire):
+        return setup
+    if not isinstance(setup.vehicle, (str, os.PathLike, Vehicle, Mapping)):
+        raise ValueError(
+            f"tire: a property file goes with one vehicle, as it sets its stiffnesses; got {setup.vehicle!r}: give "
+            "each its vehicle.with_tires(...), and tires.MagicFormula.read(...) as the tire"
+        )
+    vehicle, tire = resolve_tired(setup.vehicle, setup.tire)
+    return dataclasses.replace(setup, vehicle=vehicle, tire=tire)
 
 
 def check_names(task: Task) -> None:

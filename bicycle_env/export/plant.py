@@ -17,7 +17,7 @@ from bicycle_env.physics.integrators import check_timestep, rk4
 from bicycle_env.physics.lateral import Axles
 from bicycle_env.physics.linear_single_track import fastest_rate
 from bicycle_env.physics.model import Model
-from bicycle_env.physics.presets import resolve_vehicle
+from bicycle_env.physics.presets import resolve_tired
 from bicycle_env.physics.relaxed_single_track import RelaxedSingleTrack
 from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.physics.validation import in_range
@@ -106,7 +106,7 @@ def plant(
         ValueError, TypeError: a bad value, named with its allowed range; a timestep too long for RK4.
         OSError: a car's file that cannot be read.
     """
-    vehicle = resolve_vehicle(vehicle)
+    vehicle, tire = resolve_tired(vehicle, tire)
     relaxed = relaxation_length is not None
     model: Model = (RelaxedSingleTrack if relaxed else SingleTrack).of(tire, geometry)
     length = in_range("relaxation_length", relaxation_length) if relaxed else None

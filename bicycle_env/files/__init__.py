@@ -16,6 +16,7 @@ from bicycle_env.files.writing import (
     write_bytes,
     write_json,
 )
+from bicycle_env.files.yaml import read_yaml
 
 __all__ = [
     "Check",
@@ -35,6 +36,7 @@ __all__ = [
     "read_json",
     "read_table",
     "read_toml",
+    "read_yaml",
     "remove_partial_files",
     "shown",
     "table",

@@ -89,12 +89,12 @@ def read_json(path: str | Path, check: Check | None = None, largest: int = LARGE
             not finite or has more than 128 bits, a text that is no Unicode, or what `check` refuses.
         OSError: the file cannot be opened or read.
     """
-    return _parsed(read_bytes(path, largest), str(path), "JSON", _json, check, deepest)
+    return read_language(path, "JSON", _json, check, largest, deepest)
 
 
 def read_toml(path: str | Path, check: Check | None = None, largest: int = LARGEST, deepest: int = DEEPEST) -> Any:
     """What a TOML file holds, after `check`; as :func:`read_json`. Dates and times are refused."""
-    return _parsed(read_bytes(path, largest), str(path), "TOML", _toml, check, deepest)
+    return read_language(path, "TOML", _toml, check, largest, deepest)
 
 
 def read_table(path: str | Path, check: Check | None = None, largest: int = LARGEST, deepest: int = DEEPEST) -> Any:
@@ -115,6 +115,13 @@ def parse_json(
         if len(content) > largest:
             raise ValueError(f"must not be larger than {largest} bytes, has {len(content)}")
     return _parsed(content, name, "JSON", _json, check, deepest)
+
+
+def read_language(
+    path: str | Path, language: str, parse: Callable[[str, int], Any], check: Check | None, largest: int, deepest: int
+) -> Any:
+    """What a file holds that `parse` reads from its text and the depth allowed; as :func:`read_json`."""
+    return _parsed(read_bytes(path, largest), str(path), language, parse, check, deepest)
 
 
 def _parsed(

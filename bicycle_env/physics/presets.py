@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import warnings
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
-from bicycle_env.physics.car_files import is_car_file
+from bicycle_env.files import shown
+from bicycle_env.physics import tires
+from bicycle_env.physics.car_files import ENDINGS, is_car_file
+from bicycle_env.physics.tire_files import TireFile, TireFileWarning, is_tire_file
 from bicycle_env.physics.validation import choice
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -145,8 +149,8 @@ def resolve_vehicle(vehicle: str | os.PathLike[str] | Vehicle | Mapping[str, Any
     """A car from its name in ``vehicles``, from a file, from its plain form, or from itself.
 
     Args:
-        vehicle: a name; a file's name or path that ends in .json or .toml, see ``Vehicle.read``; a mapping of the
-            fields of ``Vehicle`` by their names; or a Vehicle.
+        vehicle: a name; a file's name or path that ends in .json, .toml or .yaml, see ``Vehicle.read``; a mapping of
+            the fields of ``Vehicle`` by their names; or a Vehicle.
 
     Raises:
         ValueError: an unknown name or field, with the nearest known one; a missing field; a bad value.
@@ -167,4 +171,32 @@ def resolve_vehicle(vehicle: str | os.PathLike[str] | Vehicle | Mapping[str, Any
     try:
         return vehicles[choice("vehicle", vehicle, vehicles)]
     except ValueError as error:
-        raise ValueError(f"{str(error).rstrip('.')} (a car's file ends in .json or .toml)") from None
+        raise ValueError(f"{str(error).rstrip('.')} (a car's file ends in {ENDINGS})") from None
+
+
+def resolve_tired(
+    vehicle: str | os.PathLike[str] | Vehicle | Mapping[str, Any],
+    tire: str | os.PathLike[str] | tires.Tire | Mapping[str, Any],
+) -> tuple[Vehicle, tires.Tire]:
+    """A car and the tire law of both its axles, as :func:`resolve_vehicle` and ``tires.resolve`` take them.
+
+    Where `tire` is a property file (.tir), the car gets its cornering stiffnesses (``Vehicle.with_tires``) and the law
+    is the file's at a quarter of the weight, the mean load of a tire. A ``TireFileWarning`` says what is dropped.
+    """
+    vehicle = resolve_vehicle(vehicle)
+    if not is_tire_file(tire):
+        return vehicle, tires.resolve(cast("Any", tire))
+    file = TireFile.read(cast("str", tire))
+    loads = vehicle.front_axle_load / 2.0, vehicle.rear_axle_load / 2.0
+    law, tired = tires.MagicFormula.of_file(file, sum(loads) / 2.0), vehicle.with_tires(file)
+    before = f"{vehicle.front_cornering_stiffness:.6g} and {vehicle.rear_cornering_stiffness:.6g}"
+    front, rear = (f"{file.friction(load):.4g}" for load in loads)
+    warnings.warn(
+        f"{shown(file.path)}: the axles' cornering stiffnesses are its {tired.front_cornering_stiffness:.6g} and "
+        f"{tired.rear_cornering_stiffness:.6g} N/rad at {loads[0]:.4g} and {loads[1]:.4g} N per tire (the vehicle "
+        f"had {before}). Its friction, {front} in front and {rear} behind, is not taken: friction= is. "
+        f"Dropped: {file.dropped or 'nothing'}.",
+        TireFileWarning,
+        stacklevel=3,
+    )
+    return tired, law

@@ -11,14 +11,20 @@ from __future__ import annotations
 import abc
 import dataclasses
 import functools
+import os
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
+from bicycle_env.files import naming, shown
 from bicycle_env.physics.elementary import NUMPY
+from bicycle_env.physics.tire_files import TireFile as TireFile
+from bicycle_env.physics.tire_files import TireFileWarning as TireFileWarning
+from bicycle_env.physics.tire_files import is_tire_file as is_tire_file
 from bicycle_env.physics.trial import tried
-from bicycle_env.physics.validation import check_value, choice, explain_keywords, from_fields, in_range
+from bicycle_env.physics.validation import check_value, choice, explain_keywords, from_fields, in_range, positive
 
 Law = Callable[[Any, Any, Any], Any]
 
@@ -146,6 +152,40 @@ class MagicFormula(Tire):
         object.__setattr__(self, "shape", shape)
         object.__setattr__(self, "curvature", curvature)
 
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], load: float | None = None) -> MagicFormula:
+        """The law in a tire's property file (.tir), whose formulas stand in ``bicycle_env.physics.tire_files``.
+
+        With the file's cornering stiffness K and mu F_z, ``lateral_force`` is the file's at that load, in pure side
+        slip without camber or shifts. A ``TireFileWarning`` says both numbers, which belong to the vehicle
+        (``Vehicle.with_tires``) and the road (``friction=``), and what of the file is dropped.
+
+        Args:
+            path: a file that ends in .tir.
+            load: vertical, of one tire, N; by default the file's nominal one.
+
+        Raises:
+            ValueError: a bad file, or numbers out of this law's ranges. One line.
+            OSError: the file cannot be read.
+        """
+        file = TireFile.read(path)
+        load = file.nominal_load if load is None else positive("load", load)
+        law = cls.of_file(file, load)
+        warnings.warn(
+            f"{shown(file.path)}: at {load:.6g} N per tire its friction is {file.friction(load):.4g} (of the road: "
+            f"friction=) and its cornering stiffness {file.cornering_stiffness(load):.6g} N/rad per tire (of the "
+            f"vehicle: with_tires). Dropped: {file.dropped or 'nothing'}.",
+            TireFileWarning,
+            stacklevel=2,
+        )
+        return law
+
+    @classmethod
+    def of_file(cls, file: TireFile, load: float) -> MagicFormula:
+        """The law of a file that is read already, at a load [N] of one tire, without remark."""
+        with naming(file.path):
+            return cls(shape=file.shape, curvature=file.curvature(load))
+
     def law(self, xp: Any) -> Law:
         """As of every tire.
 
@@ -216,6 +256,11 @@ def resolve(tire: str | Tire | Mapping[str, Any]) -> Tire:
     if isinstance(tire, Tire):
         check(tire)
         return tire
+    if is_tire_file(tire):
+        raise ValueError(
+            "tire: a property file is taken where it can set the vehicle's stiffnesses, too (environments, simulate, "
+            f"report, export); here give tires.MagicFormula.read({shown(repr(str(tire)))}) and vehicle.with_tires(...)"
+        )
     if isinstance(tire, str):
         return LAWS[choice("tire", tire, LAWS)]()
     if not isinstance(tire, Mapping):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bicycle_env.files import naming
+from bicycle_env.files import naming, shown
 from bicycle_env.physics.car_files import read_fields
+from bicycle_env.physics.tire_files import TireFile
 from bicycle_env.physics.validation import explain_keywords, from_fields, in_range
 
 GRAVITY = 9.81  # m/s^2
@@ -130,6 +132,10 @@ class Vehicle:
     def read(cls, path: str | Path) -> Vehicle:
         """A car from a file that ends in .json or .toml: a table of the fields by their names.
 
+        Or from CommonRoad's vehicle parameters, a file that ends in .yaml or .yml: m, I_z, a, b, the tracks T_f and
+        T_r, and the body's l and w, which is taken to be centred between the axles. The stiffnesses are those of its
+        single-track model, -p_ky1 per rad of an axle's static load: p_ky1 of the file's table `tire`, or CommonRoad's.
+
         Without a `name` in it, the car is called like the file.
 
         Raises:
@@ -137,9 +143,25 @@ class Vehicle:
             OSError: the file cannot be read.
         """
         path = Path(path)
-        fields = read_fields(path)
+        fields = read_fields(path, GRAVITY)
         with naming(path):
             return cls.from_fields({"name": _printable(path.stem), **fields})
+
+    def with_tires(self, tires: str | os.PathLike[str] | TireFile) -> Vehicle:
+        """This car with two of a property file's (.tir) tires per axle: their cornering stiffness at the axle's load.
+
+        Raises:
+            ValueError: a bad file, see ``tires.TireFile.read``. One line.
+            OSError: the file cannot be read.
+        """
+        file = tires if isinstance(tires, TireFile) else TireFile.read(tires)
+        with naming(file.path):
+            return dataclasses.replace(
+                self,
+                front_cornering_stiffness=2.0 * file.cornering_stiffness(self.front_axle_load / 2.0),
+                rear_cornering_stiffness=2.0 * file.cornering_stiffness(self.rear_axle_load / 2.0),
+                source=f"{self.source} Cornering stiffnesses of {shown(Path(file.path).name)}.".lstrip(),
+            )
 
     @property
     def wheelbase(self) -> float:

@@ -15,7 +15,7 @@ from bicycle_env import analysis
 from bicycle_env.control.design.gains import continuous_gain
 from bicycle_env.envs.configuration import DEFAULT_SPEED, DEFAULT_SPEED_RATIO, resolve_speed
 from bicycle_env.physics import tires
-from bicycle_env.physics.presets import resolve_vehicle
+from bicycle_env.physics.presets import resolve_tired
 from bicycle_env.physics.validation import in_range, number, whole
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -135,7 +135,7 @@ def study(
         ValueError, TypeError: a bad value, named with its allowed range; a ratio for a car without critical speed; a
             linear car at exactly its critical speed.
     """
-    vehicle, tire = resolve_vehicle(vehicle), tires.resolve(tire)
+    vehicle, tire = resolve_tired(vehicle, tire)
     found = Study(
         vehicle=vehicle,
         speed=_speed(vehicle, speed, speed_ratio),

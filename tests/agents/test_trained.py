@@ -13,7 +13,7 @@ import bicycle_env
 from agents import episodes, evaluate, messages, trained
 from agents.episodes import Episode
 from agents.messages import UserError
-from bicycle_env import Vehicle, control, vehicles
+from bicycle_env import Vehicle, control, tires, vehicles
 from bicycle_env.envs import BicycleLaneChangeEnv, BicycleStabEnv
 
 NAMES = list(gym.make("BicycleStab-v0").unwrapped.observation_names)
@@ -148,6 +148,17 @@ def test_a_cars_file_is_kept_as_the_car_in_it(tmp_path):
     assert gym.make("BicycleStab-v0", **again, speed=30.0).unwrapped.vehicle.mass == vehicles["me303"].mass
     with pytest.raises(UserError, match=r"--env-keywords: vehicle: .*mine\.toml"):
         evaluate.parse_keywords(json.dumps({"vehicle": str(file)}))
+
+
+def test_a_tires_file_is_kept_as_the_tire_in_it(tmp_path):
+    file = tmp_path / "mine.tir"
+    file.write_text("FNOMIN = 4000\nPCY1 = 1.4\nPDY1 = 1\nPEY1 = -0.5\nPKY1 = 20\nPKY2 = 2\n")
+    with pytest.warns(tires.TireFileWarning):
+        keywords = evaluate.parse_keywords(json.dumps({"vehicle": "civic", "tire": str(file)}))
+    assert keywords["vehicle"] == dataclasses.asdict(vehicles["civic"].with_tires(file))
+    assert keywords["tire"] == {"name": "magic_formula", "shape": 1.4, "curvature": -0.5}
+    with pytest.raises(UserError, match=r"^--env-keywords: tire: a property file sets .* give the vehicle, too$"):
+        evaluate.parse_keywords(json.dumps({"tire": str(file)}))
 
 
 # Refused before any work

@@ -93,7 +93,7 @@ def test_bytes_that_are_no_text(tmp_path):
     [
         ("overster", "did you mean 'oversteer'"),
         ("", "vehicle must be one of"),
-        ("cars/mine.yaml", "got 'cars/mine.yaml' (a car's file ends in .json or .toml)"),
+        ("cars/mine.xml", "got 'cars/mine.xml' (a car's file ends in .json or .toml, or"),
     ],
 )
 def test_neither_a_preset_nor_a_file(name, text):
@@ -103,7 +103,7 @@ def test_neither_a_preset_nor_a_file(name, text):
 
 def test_another_ending(tmp_path):
     with pytest.raises(ValueError, match=r"must end in \.json or \.toml"):
-        Vehicle.read(tmp_path / "car.yaml")
+        Vehicle.read(tmp_path / "car.xml")
 
 
 def test_a_file_that_is_not_there():
