@@ -42,6 +42,8 @@ class Shooting:
         advance: ``advance(k, state, action)``: the states a stage later.
         stage: ``stage(k, state, action, slack) -> Stage``.
         last: ``last(state)``: the cost beyond the horizon.
+        damping: of a plan's change per iteration, on the squared change of each action (Levenberg and Marquardt):
+            where tires saturate, full Gauss-Newton steps go to and fro. With 0 none.
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class Shooting:
         advance: Callable[[int, Any, Any], Any],
         stage: Callable[[int, Any, Any, Any], Stage],
         last: Callable[[Any], Any],
+        damping: float = 0.0,
     ) -> None:
         ca, N, axles = casadi(), horizon, steered_axles(plant)
         self.horizon, self.axles, self.width = N, len(axles), STATES + len(axles) + slacks
@@ -87,6 +90,9 @@ class Shooting:
         slopes = ca.substitute(ca.jacobian(bounded, plan), plan, plan + 1e-9)
         # Gauss-Newton: the cost is quadratic; the curvature of the dynamics is left out.
         curvature = ca.hessian(cost, plan)[0]
+        if damping > 0.0:
+            damped = np.concatenate([np.zeros(STATES), np.full(len(axles), damping), np.zeros(slacks)])
+            curvature += ca.diag(ca.sparsify(ca.DM(np.concatenate([np.tile(damped, N), np.zeros(STATES)]))))
         wanted = [bounded, slopes, ca.gradient(cost, plan), curvature]
         self._linearised = ca.Function("linearised", [plan, parameters], wanted)
         sparsity = {"h": curvature.sparsity(), "a": slopes.sparsity()}
