@@ -23,9 +23,12 @@ PREDICTIVE: dict[str, type[Predictive]] = {
 __all__ = [
     "HOLD",
     "PREDICTIVE",
+    "ActiveSteerMPC",
     "Budget",
     "Candidate",
     "Cars",
+    "DoubleLaneChangeMPC",
+    "EvadeMPC",
     "Knowledge",
     "Outcome",
     "Outcomes",
