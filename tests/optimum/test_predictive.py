@@ -49,8 +49,9 @@ def usual(mpc):
 def begun(env, direction="left", state=None, steps=0):
     env.reset(seed=3, options={"direction": direction, "state": state or {}, **STARTS[env.spec.id]})
     sign = 1.0 if direction == "left" else -1.0
-    for _ in range(steps):
-        env.step(np.full(env.action_space.shape, 0.05 * sign, np.float32))
+    late = KEYWORDS[env.spec.id].get("action_delay", 0)
+    for k in range(steps):  # the last ones are still under way where actions act late
+        env.step(np.full(env.action_space.shape, sign * (0.05 if k < steps - late else 0.6), np.float32))
     return env.state
 
 
