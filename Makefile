@@ -10,7 +10,7 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all lint lock stab lane-change controllers headroom entry-speed alignment learning tensors results benchmark benchmark-vector compat rllib gymnasium-versions clean
+.PHONY: help demo test test-all lint lock stab lane-change controllers headroom mpc entry-speed alignment learning tensors results benchmark benchmark-vector compat rllib gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/ (pictures, one moving)"
@@ -22,6 +22,7 @@ help:
 	@echo "make lane-change         learn the lane change with five seeds: runs/BicycleLaneChange-v0-ppo.json (6 minutes)"
 	@echo "make controllers         all classical controllers on both tasks: runs/controllers_*.json"
 	@echo "make headroom            every id and level: controllers tuned for it, best found, bound: runs/headroom.json, .png (an hour)"
+	@echo "make mpc                 planning ahead on the hard levels, told nothing, friction, the driver's future: runs/mpc.json (an hour)"
 	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json"
 	@echo "make alignment           does the reward ask for what success judges: runs/alignment.json, .png (10 minutes)"
 	@echo "make learning            every learner on every id and level, and ablations: runs/benchmark.json, .png (hours; goes on where it stopped)"
@@ -75,6 +76,9 @@ controllers: $(VENV)/.installed-test
 headroom: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.headroom --json $(OUT)/headroom.json
 
+mpc: $(VENV)/.installed-test
+	$(BIN)/python -m agents.mpc_headroom --json $(OUT)/mpc.json
+
 entry-speed: $(VENV)/.installed-test
 	$(BIN)/python -m agents.entry_speed --json $(OUT)/entry_speed.json
 
@@ -98,7 +102,7 @@ tensors: $(VENV)/.installed-demo
 
 # A row of the benchmarks that falls short here stands in its table, marked: the rest is made all the same.
 results:
-	$(MAKE) OUT=results demo stab lane-change controllers headroom entry-speed alignment learning tensors
+	$(MAKE) OUT=results demo stab lane-change controllers headroom mpc entry-speed alignment learning tensors
 	-$(MAKE) OUT=results benchmark
 	-$(MAKE) OUT=results benchmark-vector
 	mv results/performance.png docs/performance.png

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_env.analysis.linear_model import STATE_NAMES, rk4_map
+from bicycle_env.analysis.linear_model import rk4_map
 from bicycle_env.control.design.gains import preview_cost, preview_gain
 from bicycle_env.control.design.observation_map import Reading, interpolation
-from bicycle_env.control.design.symbolic import casadi, control_step, steered_axles
+from bicycle_env.control.design.shooting import STATES, Shooting, Stage
+from bicycle_env.control.design.symbolic import casadi, control_step
 from bicycle_env.control.lqr import Weights, continuous_design_model, cost_matrices, preview_steps, wanted_states
 from bicycle_env.control.policy import Array, Plant, Policy
 from bicycle_env.control.remembered import Remembered
@@ -21,7 +22,6 @@ from bicycle_env.physics.validation import positive, whole
 
 Matrix = NDArray[np.float64]
 
-STATES = len(STATE_NAMES)
 SLACKS = 2
 """Inputs beside the actions: by how much the lane [m] and the sideslip [rad] are overstepped."""
 SLACK_COST = (300.0, 3000.0)
@@ -36,17 +36,16 @@ OF_THE_PLANT = (
     *("action_timestep", "substeps", "action_repeat", "action_space"),
 )
 """What the problem is built from, so that a copy can build it again."""
-BUILT = ("_bounds", "_linearised", "_curvature", "_quadratic_program")
 
 
 class MPC(Policy):
     """Nonlinear MPC: LQR's cost on the nonlinear car, with the actuators' limits and soft limits of lane and sideslip.
 
-    Direct multiple shooting (H. G. Bock, K. J. Plitt, IFAC World Congress 1984) over ``horizon`` control steps, with
-    the package's own equations in CasADi's symbols. Stage cost and cost beyond the horizon are those of the LQR with
-    preview, so that with no limit at work the action is LQR's. Angle and rate limits of the actuators are constraints.
-    Gauss-Newton SQP, one iteration a step from the plan of the step before, moved on (M. Diehl, H. G. Bock,
-    J. P. Schloeder, SIAM J. Control Optim. 43, 2005), with a solver that uses the stages (HPIPM) where CasADi has it.
+    Multiple shooting (``control/design/shooting.py``) over ``horizon`` control steps, with the package's own equations
+    in CasADi's symbols. Stage cost and cost beyond the horizon are those of the LQR with preview, so that with no limit
+    at work the action is LQR's. Angle and rate limits of the actuators are constraints. Gauss-Newton SQP, one iteration
+    a step from the plan of the step before, moved on (M. Diehl, H. G. Bock, J. P. Schloeder, SIAM J. Control Optim. 43,
+    2005), with a solver that uses the stages (HPIPM) where CasADi has it.
 
     It remembers the plan of each car: call ``reset`` when an episode starts. Where the quadratic program cannot be
     solved, the moved plan is driven on; ``failures`` counts these steps of all cars.
@@ -100,17 +99,18 @@ class MPC(Policy):
         self.preview = path_gain @ self._per_step
 
         self._axles = len(self.model.input_names)
-        self._stage = STATES + self._axles + SLACKS  # numbers of a stage in the plan: states, actions, slacks
         car: Any = types.SimpleNamespace(**{name: getattr(plant, name) for name in OF_THE_PLANT})
         self._problem = car, lane_limit, sideslip_limit, substeps
         self._build(*self._problem)
-        self._remembered = Remembered(self.horizon * self._stage + STATES + 1)  # the plan, and 1 once there is one
+        self._remembered = Remembered(
+            self.horizon * self._shooting.width + STATES + 1
+        )  # the plan, and 1 once there is one
         self._plans = np.empty((0, 0))
         self.failures = 0
 
     def __getstate__(self) -> dict[str, Any]:
         """All but what CasADi has built: not each of its solvers can be pickled, and it is built again."""
-        return {name: value for name, value in self.__dict__.items() if name not in BUILT}
+        return {name: value for name, value in self.__dict__.items() if name != "_shooting"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -136,9 +136,7 @@ class MPC(Policy):
 
         Raises IndexError where no such car was driven since the last reset.
         """
-        plan = self._plans[row]
-        stages = np.append(plan, np.zeros(self._stage - STATES)).reshape(-1, self._stage)
-        return stages[:, :STATES], stages[:-1, STATES : STATES + self._axles]
+        return self._shooting.stages(self._plans[row])
 
     def _optimised(self, car: Matrix, before: Matrix | None) -> Matrix:
         """The plan of one car, an observation in SI units, from its plan of the step before."""
@@ -147,92 +145,49 @@ class MPC(Policy):
         reference = shown @ self._wanted.T
         parameters = np.concatenate([state, reference.ravel(), self._S @ shown[-1]])
         plan = self._first_guess(state, points, reference) if before is None else self._moved_on(before, state)
-        for _ in range(FIRST_ITERATIONS if before is None else self.iterations):
-            value, slopes, gradient = self._linearised(plan, parameters)
-            value = np.asarray(value).ravel()
-            low, high, least, most = self._bounds
-            found = self._quadratic_program(
-                h=self._curvature,
-                g=gradient,
-                a=slopes,
-                lba=low - value,
-                uba=high - value,
-                lbx=least - plan,
-                ubx=most - plan,
-            )
-            step = np.asarray(found["x"]).ravel()
-            if not (self._quadratic_program.stats()["success"] and np.all(np.isfinite(step))):
-                self.failures += 1
-                break
-            plan = plan + step
+        iterations = FIRST_ITERATIONS if before is None else self.iterations
+        plan, solved = self._shooting.improved(plan, parameters, iterations)
+        self.failures += not solved
         return plan
 
     def _first_guess(self, state: Matrix, points: Matrix, reference: Matrix) -> Matrix:
         """The state decays to the path; the first action is that of LQR, the others are 0."""
         decay = 0.95 ** np.arange(self.horizon + 1)
-        stages = np.zeros((self.horizon + 1, self._stage))
-        stages[:, :STATES] = reference + decay[:, None] * (state - reference[0])
-        stages[0, STATES : STATES + self._axles] = np.clip(-self.gain @ state - self.preview @ points, -1.0, 1.0)
-        return stages.ravel()[: self.horizon * self._stage + STATES]
+        plan = self._shooting.of_states(reference + decay[:, None] * (state - reference[0]))
+        plan[STATES : STATES + self._axles] = np.clip(-self.gain @ state - self.preview @ points, -1.0, 1.0)
+        return plan
 
     def _moved_on(self, plan: Matrix, state: Matrix) -> Matrix:
-        """The plan of the step before from its second stage on, the last one twice, seen from the car's new place."""
-        stage = self._stage
-        moved = np.concatenate([plan[stage:-STATES], plan[-STATES - stage :]])
-        moved[::stage] -= moved[0]
-        moved[:STATES] = state
-        return moved
+        """The plan of the step before, a step later, seen from the car's new place."""
+        stage = self._shooting.width
+        seen = plan.copy()
+        seen[::stage] -= plan[stage]
+        return self._shooting.moved_on(seen, state)
 
     def _build(self, plant: Plant, lane_limit: float, sideslip_limit: float, substeps: int) -> None:
-        """The problem's linearisation at a plan, its quadratic program, and its bounds."""
-        ca = casadi()
-        next_state, axles, N, timestep = (
-            control_step(plant, substeps),
-            self._axles,
-            self.horizon,
-            plant.action_timestep,
-        )
-        actuators = [(plant.front_actuator, plant.rear_actuator)[axle] for axle in steered_axles(plant)]
-        wheels = [STATE_NAMES.index(("front_steer", "rear_steer")[axle]) for axle in steered_axles(plant)]
+        """What is asked, stage by stage."""
+        ca, N, next_state = casadi(), self.horizon, control_step(plant, substeps)
         start, beyond = ca.SX.sym("start", STATES), ca.SX.sym("beyond", STATES)
         reference = ca.SX.sym("reference", STATES, N + 1)
-        states = [ca.SX.sym(f"state_{k}", STATES) for k in range(N + 1)]
-        inputs = [ca.SX.sym(f"input_{k}", axles + SLACKS) for k in range(N)]
-        cost = ca.bilin(self._P, states[N], states[N]) + 2.0 * ca.dot(beyond, states[N])
-        rows: list[tuple[Any, float, float]] = []  # what is bounded, and the bounds
-        for k in range(N):
-            state, action, slack = states[k], inputs[k][:axles], inputs[k][axles:]
-            away = state - reference[:, k]
-            cost += ca.bilin(self._Q, away, away) + ca.bilin(self._R, action, action)
-            # HPIPM recognises the stages by this order: dynamics first, then what holds within the stage.
-            rows.append((states[k + 1] - next_state(state, action), 0.0, 0.0))
-            if k == 0:
-                rows.append((state - start, 0.0, 0.0))
-            for j, actuator in enumerate(actuators):
-                if math.isfinite(actuator.rate_limit):
-                    # A command that far from the wheel moves it, by the lag, as far in a step as the rate limit would.
-                    share = -math.expm1(-timestep / actuator.time_constant)
-                    reach = actuator.rate_limit * timestep / share
-                    rows.append((action[j] * actuator.angle_limit - state[wheels[j]], -reach, reach))
-            soft = (away[0], lane_limit), (state[2] / plant.speed, sideslip_limit)
-            for j, (value, limit) in enumerate(soft):
-                cost += SLACK_COST[j] * slack[j] ** 2
-                rows.append((value - slack[j], -limit, limit))
 
-        plan = ca.vertcat(*(part for k in range(N) for part in (states[k], inputs[k])), states[N])
-        parameters = ca.vertcat(start, ca.vec(reference), beyond)
-        bounded = ca.vertcat(*(what for what, _, _ in rows))
-        low, high = ([row[j] for row in rows for _ in range(row[0].shape[0])] for j in (1, 2))
-        limits = np.concatenate([np.full(STATES, math.inf), np.ones(axles), np.full(SLACKS, math.inf)])
-        most = np.concatenate([np.tile(limits, N), np.full(STATES, math.inf)])
-        self._bounds = np.array(low), np.array(high), -most, most
-        # To CasADi |x| has the slope 0 at 0, where the tires have their own: the slopes are taken a nanometre aside.
-        slopes = ca.substitute(ca.jacobian(bounded, plan), plan, plan + 1e-9)
-        self._linearised = ca.Function("linearised", [plan, parameters], [bounded, slopes, ca.gradient(cost, plan)])
-        # Gauss-Newton: the cost is quadratic, its Hessian constant; the curvature of the dynamics is left out.
-        self._curvature = ca.DM(ca.hessian(cost, plan)[0])
-        sparsity = {"h": self._curvature.sparsity(), "a": slopes.sparsity()}
-        self._quadratic_program = ca.conic("quadratic_program", *_solver(sparsity))
+        def stage(k: int, state: Any, action: Any, slack: Any) -> Stage:
+            away = state - reference[:, k]
+            cost = ca.bilin(self._Q, away, away) + ca.bilin(self._R, action, action)
+            soft = (away[0], lane_limit), (state[2] / plant.speed, sideslip_limit)
+            for j in range(SLACKS):
+                cost += SLACK_COST[j] * slack[j] ** 2
+            return Stage(cost, tuple((value - slack[j], -limit, limit) for j, (value, limit) in enumerate(soft)))
+
+        self._shooting = Shooting(
+            plant,
+            N,
+            plant.action_timestep,
+            SLACKS,
+            ca.vertcat(start, ca.vec(reference), beyond),
+            lambda _, state, action: next_state(state, action),
+            stage,
+            lambda state: ca.bilin(self._P, state, state) + 2.0 * ca.dot(beyond, state),
+        )
 
 
 def fewest_substeps(plant: Plant) -> int:
@@ -240,12 +195,3 @@ def fewest_substeps(plant: Plant) -> int:
     lags = (1.0 / plant.front_actuator.time_constant, 1.0 / plant.rear_actuator.time_constant)
     fastest = max(fastest_rate(plant.vehicle, plant.speed), *lags)
     return min(plant.substeps * plant.action_repeat, math.ceil(2.0 * plant.action_timestep * fastest))
-
-
-def _solver(sparsity: dict[str, Any]) -> tuple[str, dict[str, Any], dict[str, Any]]:
-    """Name, sparsity and options of CasADi's solver for the quadratic programs."""
-    if casadi().has_conic("hpipm"):
-        # Residuals of states, actions and constraints: far below what the wheels and the road notice.
-        residuals = dict.fromkeys(("res_g_max", "res_b_max", "res_d_max", "res_m_max"), 1e-6)
-        return "hpipm", sparsity, {"error_on_fail": False, "hpipm": {"iter_max": 50, **residuals}}
-    return "qrqp", sparsity, {"error_on_fail": False, "print_iter": False, "print_header": False, "print_info": False}

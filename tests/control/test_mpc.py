@@ -306,7 +306,7 @@ def test_where_the_solver_fails_the_moved_plan_is_driven():
         def stats(self):
             return {"success": False}
 
-    policy._quadratic_program = Failing()
+    policy._shooting.quadratic_program = Failing()
     for k in (1, 2):
         np.testing.assert_allclose(policy.act(observation)[0], planned[k, 0], atol=1e-6)
         assert policy.failures == k

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from bicycle_env.control.policy import Plant
@@ -46,20 +47,34 @@ def control_step(plant: Plant, substeps: int) -> Any:
     States are ``STATE_NAMES``, the action is that of the steered axles in [-1, 1]; RK4 with `substeps` steps. The
     actuators have their lags, but no rate limits: those have a corner, and are constraints to whoever optimises.
     """
+    ca = casadi()
+    state, action = ca.SX.sym("state", 6), ca.SX.sym("action", plant.action_space.shape[-1])
+    wheels = commands(plant, action)
+    moved = advanced(plant, substeps, plant.action_timestep, state, wheels, plant.speed, plant.friction)
+    return ca.Function("control_step", [state, action], [moved], ["state", "action"], ["next"])
+
+
+def commands(plant: Plant, action: Any) -> list[Any]:
+    """The commands [rad] at the front and rear wheels that an action sends; 0 for an axle that is not steered."""
+    found: list[Any] = [casadi().SX(0.0), casadi().SX(0.0)]
+    for k, axle in enumerate(steered_axles(plant)):
+        found[axle] = action[k] * (plant.front_actuator, plant.rear_actuator)[axle].angle_limit
+    return found
+
+
+def advanced(
+    plant: Plant, substeps: int, timestep: float, state: Any, held: Sequence[Any], speed: Any, friction: Any
+) -> Any:
+    """The state (6) after a timestep [s], as ``control_step``, with two commands [rad] held; symbols or numbers."""
     ca, xp = casadi(), casadi_namespace()
     advance = rk4(xp, CarState, plant.model.quasi_static.actuated_rates(xp))
     actuators = (plant.front_actuator, plant.rear_actuator)
     unlimited = [dataclasses.replace(actuator, rate_limit=math.inf) for actuator in actuators]
-    car = car_on_road(plant.vehicle, plant.speed, plant.friction, unlimited[0], unlimited[1])
-    state, action = ca.SX.sym("state", 6), ca.SX.sym("action", plant.action_space.shape[-1])
-    command = [ca.SX(0.0), ca.SX(0.0)]
-    for k, axle in enumerate(steered_axles(plant)):
-        command[axle] = action[k] * actuators[axle].angle_limit
-    held = tuple(command)
-    moving = CarState(ca.SX(0.0), *ca.vertsplit(state))
+    car = car_on_road(plant.vehicle, speed, friction, unlimited[0], unlimited[1])
+    moving, inputs = CarState(ca.SX(0.0), *ca.vertsplit(state)), tuple(held)
     for _ in range(substeps):
-        moving = advance(moving, held, held, held, car, plant.action_timestep / substeps)
-    return ca.Function("control_step", [state, action], [ca.vertcat(*moving[1:])], ["state", "action"], ["next"])
+        moving = advance(moving, inputs, inputs, inputs, car, timestep / substeps)
+    return ca.vertcat(*moving[1:])
 
 
 def steered_axles(plant: Plant) -> tuple[int, ...]:
