@@ -260,6 +260,28 @@ def headroom_saved() -> str:
     return "\n".join(lines)
 
 
+def mpc() -> str:
+    """Model-predictive control on the hard levels, by what it is told."""
+    result = read("mpc.json")
+    heads = ["best classical", "MPC, told nothing", "the friction", "what the driver will do", "both"]
+    told = ("nothing", "friction", "command", "friction and command")
+    lines = ["| success [%] | " + " | ".join(heads) + " | ms a step |", "|---" * (len(heads) + 2) + "|"]
+    for part in result["settings"].values():
+        rows = part["mpc"]
+        cells = [f"{percent(part['classical'])} `{part['classical']['driver'].partition(',')[0]}`"]
+        cells += [percent(rows.get(what)) for what in told]
+        times = [row["milliseconds_per_step"] for row in rows.values()]
+        cells.append(f"{min(times):.1f} to {max(times):.1f}")
+        lines.append(f"| `{part['env_id']}` {part['level']} | " + " | ".join(cells) + " |")
+    horizon = ", ".join(f"{part['horizon']:g}" for part in result["settings"].values())
+    row = next(iter(next(iter(result["settings"].values()))["mpc"].values()))
+    more = (
+        f"{row['starts']} starts, the first of those above, for all; weights the best of {row['sets']} sets on 16 "
+        f"other starts; horizon {horizon} s; `results/mpc.json`. In brackets: 95 % intervals."
+    )
+    return "\n".join([*lines, "", made(result, more)])
+
+
 def headroom_controllers() -> str:
     """Every controller of every level, shipped and tuned, and how far the restarts of its tuning are apart."""
     heads = ["success [%]", "on the road [%]", "return", "restarts, on the starts that select [%]"]
@@ -469,6 +491,7 @@ TABLES = {
         headroom,
         headroom_controllers,
         headroom_saved,
+        mpc,
         entry_speed,
         controllers_stab,
         controllers_lane_change,
