@@ -150,7 +150,7 @@ class JaxEnv(Configured):
 
     def _step(self, key: Any, state: Episodes, action: Tensor, params: JaxParams) -> tuple[Any, ...]:
         kernels, where = self._kernels(params), self._library.module.where
-        action = self._library.module.asarray(action, dtype=self._library.dtype)
+        action = self._library.tensor(action)
         after, reward = kernels.step(state, action)
         for _ in range(self.action_repeat - 1):  # a car that ends stays where it is
             later, more = kernels.step(after, action)
@@ -198,6 +198,9 @@ def jax_library(jax: Any, dtype: str) -> Library:
     def repeated(count: int, body: Callable[[Any], Any], carry: Any) -> Any:
         return jax.lax.fori_loop(0, count, lambda _, now: body(now), carry)
 
-    return Library(
-        arrays, number, functools.partial(arrays.asarray, dtype=number), (), repeated, lambda law: law
-    )  # the whole step is compiled at once
+    def cast(value: Tensor, kind: Any) -> Tensor:
+        return value.astype(kind)
+
+    # The whole step is compiled at once, not a law by itself.
+    tensor = functools.partial(arrays.asarray, dtype=number)
+    return Library(arrays, number, tensor, cast, (), repeated, lambda law: law)

@@ -29,6 +29,8 @@ class Library(NamedTuple):
     """Of the physics and of rewards."""
     tensor: Callable[[Any], Tensor]
     """Numbers in that type where the cars are."""
+    cast: Callable[[Tensor, Any], Tensor]
+    """``cast(tensor, type)``: gradients flow through it."""
     shape: tuple[int, ...]
     """(num_envs,), or () for one car: JAX itself makes many of it."""
     repeated: Callable[[int, Callable[[Any], Any], Any], Any]
@@ -106,7 +108,7 @@ def tensor_kernels(library: Library, fleet: Fleet, world: World, step_limit: Any
     xp = array_namespace(arrays, library.dtype)
     car, tensor = world.car, library.tensor
     per_scale = tensor(1.0 / fleet.observation_scale)
-    bound = arrays.asarray(tensor(configuration.observation_bound), dtype=arrays.float32)
+    bound = library.cast(tensor(configuration.observation_bound), arrays.float32)
     times = tensor(task.preview_times)[:, None] if shape else tensor(task.preview_times)
     begin, advance, finish, accompany = parts(xp, task, model, configuration.reward)
     complete, start_law, reference_law, cost_law = model.complete(xp), task.start(xp), task.reference(xp), task.cost(xp)
@@ -120,7 +122,7 @@ def tensor_kernels(library: Library, fleet: Fleet, world: World, step_limit: Any
         return arrays.broadcast_to(value, shape)
 
     def code(value: Tensor) -> Tensor:
-        return arrays.asarray(value, dtype=arrays.int8)
+        return library.cast(value, arrays.int8)
 
     start_of_step = tensor(0.0) if changing else 0.0  # a tensor, so that the compiler takes no number for a constant
 
@@ -181,7 +183,7 @@ def tensor_kernels(library: Library, fleet: Fleet, world: World, step_limit: Any
         if len(times):
             ahead = preview(state, episode.task_state, world, times)  # the points first
             values = arrays.concatenate((values, ahead.T), -1)
-        scaled = arrays.asarray(values * per_scale, dtype=arrays.float32)
+        scaled = library.cast(values * per_scale, arrays.float32)
         observation = xp.minimum(xp.maximum(scaled, -bound), bound)
         return observation, cost_law(state, reference_law(state, episode.task_state, world), episode, world)
 

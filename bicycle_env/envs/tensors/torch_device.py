@@ -63,7 +63,10 @@ def torch_library(torch: Any, num_envs: int, device: Any, dtype: Any, compiled: 
     def compile_law(law: Any) -> Any:
         return _compiled(torch, law) if compiled else law
 
-    return Library(torch, dtype, tensor, (num_envs,), _repeated, compile_law)
+    def cast(value: Tensor, kind: Any) -> Tensor:
+        return value.to(kind)
+
+    return Library(torch, dtype, tensor, cast, (num_envs,), _repeated, compile_law)
 
 
 def _repeated(count: int, body: Callable[[Any], Any], carry: Any) -> Any:
