@@ -100,6 +100,11 @@ def files(policy: Any, language: str, names: Any = None, name: str = "bicycle_po
     }
 
 
+def javascript_module(policy: Any, name: str) -> str:
+    """A network alone, without its test. ValueError as :func:`layers_of`."""
+    return _javascript(layers_of(policy), name)
+
+
 def _vectors(policy: Any, found: Layers) -> list[list[tuple[list[float], list[float]]]]:
     """Episodes of (observation, the policy's action)."""
     draws, episodes = np.random.default_rng(14), []
