@@ -65,12 +65,14 @@ def traced(tire: str) -> Library:
 
 def data(names: Sequence[str]) -> dict[str, Any]:
     """What is no traced law: for each preset at each speed its eigenvalues, their meaning in words, and LQR's gains."""
-    trained = load_policy(ENV_ID).description
+    usual = task.configuration_of(ENV_ID, **load_policy(ENV_ID).description["env_keywords"])
+    there = speed_in_words(usual.vehicle, usual.speed)
     return {
         "env_id": ENV_ID,
         "tires": list(tires.LAWS),
-        "trained": f"trained in {trained['timesteps']:,} steps on the car oversteer at 1.2 x its critical speed, on "
-        "fiala tires and friction 1; elsewhere it drives what it has never seen",
+        "half_width": usual.task.road_half_width,
+        "trained": f"The policy was trained on the car {usual.vehicle.name} at {there}, tire {usual.tire.name}, friction "
+        f"{usual.friction:g}; on anything else it drives what it has never seen.",
         "presets": {name: _preset(name) for name in names},
     }
 

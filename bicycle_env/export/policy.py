@@ -372,7 +372,14 @@ export class Network {
   lastLayer(seen) {
     return this.layers.reduce((given, { weight, bias }, k) => {
       const activation = k < this.layers.length - 1 ? ACTIVATIONS[this.activation] : (x) => x;
-      return weight.map((row, i) => activation(row.reduce((sum, value, j) => sum + value * given[j], bias[i])));
+      const found = new Float64Array(weight.length);
+      for (let i = 0; i < weight.length; i++) {
+        const row = weight[i];
+        let sum = bias[i];
+        for (let j = 0; j < row.length; j++) sum += row[j] * given[j];
+        found[i] = activation(sum);
+      }
+      return found;
     }, seen);
   }
 }

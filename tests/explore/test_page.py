@@ -64,7 +64,7 @@ def test_the_page_asks_no_other_host_and_finds_its_parts():
 SCRIPT = """
 import { asPython, fromHash, toHash, ending, DEGREE } from "./choices.mjs";
 import { data } from "./data.mjs";
-import { driver, orbits, placed, run, started } from "./simulation.mjs";
+import { driver, grid, orbit, placed, run, started } from "./simulation.mjs";
 import * as fs from "node:fs";
 const { hash, stable } = JSON.parse(fs.readFileSync("given.json"));
 const { chosen, complaints } = fromHash(data, hash);
@@ -77,7 +77,7 @@ const box = { sideslip: 0.5, yawRate: 1.2 };
 console.log(JSON.stringify({
   chosen, complaints, runs, endings: runs.map(ending), hash: toHash(data, chosen), speed: point.metres_per_second,
   python: asPython(data, chosen, started(world, ...start).state),
-  orbits: orbits(world, stable, box, 3, 1),
+  orbits: grid(box, 3).map((start) => orbit(world, stable, box, ...start, 1)),
 }));
 """
 

@@ -1,7 +1,7 @@
 // What is chosen on the page, as the address bar holds it, and as lines of Python.
 export const WHO = {
   nobody: "nobody (wheels straight)",
-  lqr: "LQR (both axles)",
+  lqr: "LQR, a classical law (both axles)",
   policy: "trained policy (both axles)",
 };
 const PYTHON_WHO = {

@@ -16,7 +16,7 @@ export function blank(canvas) {
 const STEPS = [1, 2, 5, 10];
 export function ticks(least, most, count) {
   const rough = (most - least) / count, power = 10 ** Math.floor(Math.log10(rough));
-  const step = STEPS.find((one) => one * power >= rough * 0.7) * power;
+  const step = STEPS.find((one) => one * power >= rough * 0.6) * power;
   const found = [];
   for (let k = Math.ceil(least / step - 1e-9); k * step <= most + 1e-9 * step; k++) found.push(Number((k * step).toPrecision(12)));
   return found;
@@ -25,7 +25,7 @@ export function ticks(least, most, count) {
 // Axes from `least` to `most` in x and y; gives the functions that place a value, and those that read a pixel.
 export function axes(canvas, x, y, words) {
   const { pen, width, height, color } = blank(canvas);
-  const box = { left: 48, right: width - 10, top: words.title ? 22 : 10, bottom: height - 34 };
+  const box = { left: 54, right: width - 10, top: words.title ? 22 : 10, bottom: height - 34 };
   const px = (value) => box.left + ((value - x[0]) / (x[1] - x[0])) * (box.right - box.left);
   const py = (value) => box.bottom - ((value - y[0]) / (y[1] - y[0])) * (box.bottom - box.top);
   pen.lineWidth = 1;
@@ -142,12 +142,16 @@ export function arrow(plot, points) {
 // One lane above the other, each with its car where it is now and the way it came.
 export function road(canvas, cars, now, halfWidth) {
   const { pen, width, height, color } = blank(canvas);
-  const each = height / cars.length, scale = Math.min((each - 34) / (2 * halfWidth + 1.4), 20);
+  const each = height / cars.length, scale = Math.min((each - 22) / (2 * halfWidth + 6.5), 20);
   cars.forEach((one, row) => {
     const { columns } = one.result, last = columns.time.length - 1;
     const k = Math.min(Math.round(now / (columns.time[1] - columns.time[0])), last);
     const at = columns.longitudinal_position[k], middle = each * row + 22 + (each - 22) / 2;
     const px = (x) => width * 0.6 + (x - at) * scale, py = (y) => middle - y * scale;
+    pen.save();
+    pen.beginPath();
+    pen.rect(0, each * row + 22, width, each - 22);
+    pen.clip();
     pen.fillStyle = color("road");
     pen.fillRect(0, py(halfWidth), width, 2 * halfWidth * scale);
     pen.lineWidth = 2;
@@ -170,6 +174,7 @@ export function road(canvas, cars, now, halfWidth) {
     const way = { pen, px, py, color };
     curve(way, columns.longitudinal_position.slice(0, k + 1), columns.lateral_position.slice(0, k + 1), one.color, 2, one.dashes);
     body(pen, px(at), py(columns.lateral_position[k]), scale, columns, k, one.car, color(one.color), color("ink"));
+    pen.restore();
     pen.fillStyle = color("ink");
     pen.textAlign = "left";
     pen.textBaseline = "top";

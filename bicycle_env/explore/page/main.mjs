@@ -2,14 +2,13 @@
 import { asPython, DEGREE, ending, fromHash, nearest, NUMBERS, speedOf, toHash, usualSpeed, WHO } from "./choices.mjs";
 import { data } from "./data.mjs";
 import { arrow, axes, cross, curve, dot, road, write } from "./drawing.mjs";
-import { driver, orbits, placed, run, started } from "./simulation.mjs";
+import { driver, grid, orbit, placed, run, started } from "./simulation.mjs";
 
 const at = (id) => document.getElementById(id);
 const SIDES = { left: { color: "a", letter: "A", dashes: [] }, right: { color: "b", letter: "B", dashes: [7, 4] } };
 const HISTORIES = { sideslip: "Sideslip [deg]", yaw_rate: "Yaw rate [deg/s]", front_steer: "Front steer [deg]", rear_steer: "Rear steer [deg]" };
 const BOX = { sideslip: 28, yaw_rate: 68 }; // what the phase plane shows, deg and deg/s
-const GRID = 9, SECONDS = 4; // of the orbits
-const HALF_WIDTH = 1.75; // of the lane, m: as drawn
+const GRID = 9, SECONDS = 4, SLICE = 12; // of the orbits; ms in which nothing else is done
 const tasks = Object.fromEntries(
   await Promise.all(data.tires.map(async (tire) => [tire, await import(`./task_${tire}.mjs`)])),
 );
@@ -31,18 +30,23 @@ function compute() {
   shown = { world, start: started(world, ...start).state, left: result("left"), right: result("right") };
 }
 
-// Orbits take longer than the rest: they follow when it is painted, and only where the car, not the start, has changed.
+// Orbits take longer than the rest: they follow in slices when it is painted, and only where the car, not the start, has changed.
 function computeOrbits() {
   const key = JSON.stringify([chosen.vehicle, chosen.tire, chosen.point, chosen.friction]);
   if (flow?.key === key) return;
   flow = { key, found: [] };
-  setTimeout(() => {
-    if (flow.key !== key) return;
-    const box = { sideslip: BOX.sideslip * DEGREE, yawRate: BOX.yaw_rate * DEGREE };
-    const stable = point().eigenvalues.every(([real]) => real < 0);
-    flow.found = orbits(shown.world, stable, box, GRID, SECONDS);
-    drawPhase();
-  });
+  const mine = flow, { world } = shown;
+  const box = { sideslip: BOX.sideslip * DEGREE, yawRate: BOX.yaw_rate * DEGREE };
+  const stable = point().eigenvalues.every(([real]) => real < 0), left = grid(box, GRID);
+  const some = () => {
+    if (flow !== mine) return;
+    for (const until = performance.now() + SLICE; left.length && performance.now() < until; ) {
+      mine.found.push(orbit(world, stable, box, ...left.pop(), SECONDS));
+    }
+    if (left.length) setTimeout(some);
+    else drawPhase();
+  };
+  setTimeout(some);
 }
 
 function showControls() {
@@ -107,10 +111,11 @@ function drawEigenvalues() {
   preset().points.forEach(({ eigenvalues }, k) => {
     for (const [x, y] of eigenvalues) dot(plot, x, y, "flow", 1.5 + (2.5 * k) / preset().points.length);
   });
-  for (const [x, y] of point().eigenvalues) {
+  const here = `${(3.6 * point().metres_per_second).toFixed(0)} km/h`, [[first], [second]] = point().eigenvalues;
+  point().eigenvalues.forEach(([x, y], k) => {
     cross(plot, x, y, "a");
-    write(plot, x, y, y >= 0 ? -16 : 16, `${(3.6 * point().metres_per_second).toFixed(0)} km/h`);
-  }
+    if (k === 0 || y !== 0 || plot.px(second) - plot.px(first) > 70) write(plot, x, y, y >= 0 ? -16 : 16, here);
+  });
   const words = point().eigenvalues.map(([x, y]) => x.toFixed(2) + (y ? ` ${y > 0 ? "+" : "−"} ${Math.abs(y).toFixed(2)} i` : ""));
   at("eigenvalues").setAttribute("aria-label", `Eigenvalues at this speed: ${words.join(", ")} per second`);
 }
@@ -136,7 +141,7 @@ function drawNow() {
     ending: ending(shown[side]),
     car: shown.world.car,
   }));
-  road(at("road"), cars, now, HALF_WIDTH);
+  road(at("road"), cars, now, data.half_width);
   drawHistories();
   drawPhase();
   at("time").value = now;
@@ -193,7 +198,7 @@ fill(at("vehicle"), Object.fromEntries(Object.entries(data.presets).map(([name, 
 ])));
 fill(at("tire"), Object.fromEntries(data.tires.map((tire) => [tire, tire.replace("_", " ")])));
 for (const side of Object.keys(SIDES)) fill(at(side), WHO);
-at("trained").textContent = `The policy was ${data.trained}.`;
+at("trained").textContent = data.trained;
 
 at("vehicle").addEventListener("change", ({ target }) => {
   const to = data.presets[target.value], same = (to.critical_speed === null) === (preset().critical_speed === null);

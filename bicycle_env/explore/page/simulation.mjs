@@ -57,28 +57,28 @@ export function run(world, who, sideslip, yawRate) {
 // What sideslip means: V / U.
 const sideslipOf = (state, car) => state.lateral_velocity / car.speed;
 
-// Without steering, from a grid of starts: [[sideslip, yaw rate], ...] of each, and whether it comes back to straight
-// running, which is `stable` or not: near it an orbit may pass by.
-export function orbits(world, stable, box, count, seconds) {
+// Without steering: [[sideslip, yaw rate], ...] from a start, and whether it comes back to straight running, which is
+// `stable` or not: near it an orbit may pass by.
+export function orbit(world, stable, box, sideslip, yawRate, seconds) {
   const { task, car, rules } = world;
-  const timestep = rules.control_timestep / rules.substeps;
-  const begun = task.new_begun(), found = [];
-  for (let i = 0; i < count; i++) {
-    for (let k = 0; k < count; k++) {
-      const at = (n, most) => ((2 * n) / (count - 1) - 1) * most;
-      const { state, episode, settings } = started(world, at(i, box.sideslip), at(k, box.yawRate));
-      const points = [[sideslipOf(state, car), state.yaw_rate]];
-      let inside = true, settled = false;
-      for (let n = 1; n * timestep <= seconds && inside && !settled; n++) {
-        task.advance(state, state, episode, begun, 0, car, rules, settings);
-        if (n % rules.substeps) continue;
-        const x = sideslipOf(state, car), y = state.yaw_rate;
-        points.push([x, y]);
-        inside = Math.abs(x) < 1.3 * box.sideslip && Math.abs(y) < 1.3 * box.yawRate;
-        settled = stable && Math.abs(x) < 0.01 * box.sideslip && Math.abs(y) < 0.01 * box.yawRate;
-      }
-      found.push({ points, settled });
-    }
+  const { state, episode, settings } = started(world, sideslip, yawRate);
+  const timestep = rules.control_timestep / rules.substeps, begun = task.new_begun();
+  const points = [[sideslipOf(state, car), state.yaw_rate]];
+  let inside = true, settled = false;
+  for (let n = 1; n * timestep <= seconds && inside && !settled; n++) {
+    task.advance(state, state, episode, begun, 0, car, rules, settings);
+    if (n % rules.substeps) continue;
+    const x = sideslipOf(state, car), y = state.yaw_rate;
+    points.push([x, y]);
+    inside = Math.abs(x) < 1.3 * box.sideslip && Math.abs(y) < 1.3 * box.yawRate;
+    settled = stable && Math.abs(x) < 0.01 * box.sideslip && Math.abs(y) < 0.01 * box.yawRate;
   }
-  return found;
+  return { points, settled };
+}
+
+// Starts on a grid of so many by so many: [[sideslip, yaw rate], ...].
+export function grid(box, count) {
+  const at = (n, most) => ((2 * n) / (count - 1) - 1) * most;
+  const places = [...Array(count).keys()];
+  return places.flatMap((i) => places.map((k) => [at(i, box.sideslip), at(k, box.yawRate)]));
 }
