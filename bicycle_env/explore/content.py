@@ -71,8 +71,8 @@ def data(names: Sequence[str]) -> dict[str, Any]:
         "env_id": ENV_ID,
         "tires": list(tires.LAWS),
         "half_width": usual.task.road_half_width,
-        "trained": f"The policy was trained on the car {usual.vehicle.name} at {there}, tire {usual.tire.name}, friction "
-        f"{usual.friction:g}; on anything else it drives what it has never seen.",
+        "trained": f"The policy was trained on the car {usual.vehicle.name} at {there}, tire {usual.tire.name}, "
+        f"friction {usual.friction:g}; on anything else it drives what it has never seen.",
         "presets": {name: _preset(name) for name in names},
     }
 
