@@ -109,6 +109,7 @@ def test_the_runs_are_the_environments_and_the_python_runs(hash, folder, capsys)
     said = capsys.readouterr().out.splitlines()[1:]
     assert env.unwrapped.speed == pytest.approx(found["speed"], rel=1e-15)
     assert start["lateral_velocity"] == pytest.approx(math.radians(chosen["sideslip"]) * found["speed"])
+    assert start["yaw_rate"] == pytest.approx(math.radians(chosen["yaw_rate"]))
     drivers = {
         "nobody": control.make("zero", env.unwrapped),
         "lqr": control.make("lqr", env.unwrapped),
