@@ -70,9 +70,12 @@ ROWS = {
     "wrappers.sb3_vec_env": Row(set(), {"gymnasium", "numpy", "stable_baselines3"}),  # imported when first named
     "plots": Row({*BELOW_ENVS, "files", "installation"}, {"numpy"}, lazy_packages={"matplotlib"}),
     "optimum": Row({*BELOW_ENVS, "control", "envs"}, {"gymnasium", "numpy"}),  # on top: no other row names it
-    "export": Row(  # on top, imported by the command alone
+    "export": Row(  # on top, imported by the command and explore alone
         {*BELOW_ENVS, "control", "envs", "files", "installation", "root"},
         {"numpy", "numba", "gymnasium"},
+    ),
+    "explore": Row(  # on top, imported by the command alone
+        {"analysis", "control", "export", "files", "physics", "plots", "report"}, {"numpy"}
     ),
     "registration": Row(set(), {"gymnasium"}, lazy_layers={"envs"}),
     "root": Row(
@@ -83,12 +86,13 @@ ROWS = {
     "play": Row({*BELOW_ENVS, "control", "files"}, {"gymnasium", "numpy"}, lazy_layers={"rendering"}),  # on top
     "play.human": Row({"control", "rendering"}, {"numpy"}),  # these two are imported when a window is opened
     "play.window": Row({"rendering", "play"}, {"numpy"}),
+    "command_words": Row({"installation"}, set()),
     "leaderboard": Row({"files", "physics"}, set()),
     "report": Row(EVERYTHING | {"report"}, {"numpy", "scipy"}, lazy_packages={"matplotlib", "gymnasium", "control"}),
     "cli": Row(
-        EVERYTHING | {"report", "leaderboard"},
+        EVERYTHING | {"report", "leaderboard", "command_words"},
         set(),
-        lazy_layers={"export", "play"},
+        lazy_layers={"explore", "export", "play"},
         lazy_packages={"numpy", "gymnasium"},
     ),
 }
@@ -247,6 +251,7 @@ def test_the_layers_exist():
         ("control", "from bicycle_env.optimum import tune"),
         ("envs", "def f():\n    from bicycle_env.export import plant"),
         ("cli", "from bicycle_env.export import command"),
+        ("cli", "from bicycle_env import explore"),
         ("envs", "def f():\n    from bicycle_env.optimum import search_steering"),
         ("wrappers", "def f():\n    import stable_baselines3"),
         ("envs", "from bicycle_env.cli import main"),
@@ -300,6 +305,7 @@ def test_the_package_and_an_environment_are_light():
         "import bicycle_env\n"
         "import bicycle_env.wrappers\n"
         "assert not {'bicycle_env.control', 'bicycle_env.export', 'bicycle_env.backends.trace'} & set(sys.modules)\n"
+        "assert 'bicycle_env.explore' not in sys.modules\n"
         "bicycle_env.load_policy('BicycleStab-v0')\n"
         "bicycle_env.plots.episode\n"
         "gym.make('BicycleStab-v0')\n"

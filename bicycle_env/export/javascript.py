@@ -21,10 +21,11 @@ JAVASCRIPT = Language(
 
 def files(library: Library) -> dict[str, str]:
     """By name."""
-    return {f"{library.name}.mjs": _module(library), f"{library.name}_test.mjs": _test(library)}
+    return {f"{library.name}.mjs": module(library), f"{library.name}_test.mjs": _test(library)}
 
 
-def _module(library: Library) -> str:
+def module(library: Library) -> str:
+    """The functions alone."""
     words = [
         *library.words,
         "",

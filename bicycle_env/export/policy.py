@@ -100,6 +100,11 @@ def files(policy: Any, language: str, names: Any = None, name: str = "bicycle_po
     }
 
 
+def javascript_module(policy: Any, name: str) -> str:
+    """A network alone, without its test. ValueError as :func:`layers_of`."""
+    return _javascript(layers_of(policy), name)
+
+
 def _vectors(policy: Any, found: Layers) -> list[list[tuple[list[float], list[float]]]]:
     """Episodes of (observation, the policy's action)."""
     draws, episodes = np.random.default_rng(14), []
@@ -367,7 +372,14 @@ export class Network {
   lastLayer(seen) {
     return this.layers.reduce((given, { weight, bias }, k) => {
       const activation = k < this.layers.length - 1 ? ACTIVATIONS[this.activation] : (x) => x;
-      return weight.map((row, i) => activation(row.reduce((sum, value, j) => sum + value * given[j], bias[i])));
+      const found = new Float64Array(weight.length);
+      for (let i = 0; i < weight.length; i++) {
+        const row = weight[i];
+        let sum = bias[i];
+        for (let j = 0; j < row.length; j++) sum += row[j] * given[j];
+        found[i] = activation(sum);
+      }
+      return found;
     }, seen);
   }
 }

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bicycle_env import analysis
+from bicycle_env.physics.vehicle import Vehicle
 from bicycle_env.plots.style import speed_in_words
 from bicycle_env.report.quantities import DEGREE, Quantity
 from bicycle_env.report.study import BOX, Study
@@ -20,22 +21,7 @@ def title(study: Study) -> str:
 
 def summary(study: Study) -> str:
     """The report in some sentences."""
-    car, speed = study.vehicle, study.speed
-    kind = {"oversteer": "oversteers", "neutral": "is neutral", "understeer": "understeers"}[
-        analysis.classification(car)
-    ]
-    critical, doubling = car.critical_speed, analysis.modes(car, speed).time_to_double
-    if math.isinf(critical):
-        stability = "it is stable at every speed"
-    elif math.isinf(doubling):
-        here = "is stable here" if analysis.is_stable(car, speed) else "is just at this limit here"
-        stability = f"it becomes unstable above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) and {here}"
-    else:
-        stability = (
-            f"above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) it is unstable: here a deviation doubles in "
-            f"{doubling:.2f} s unless somebody steers"
-        )
-    begin = f"This car {kind}; {stability}. "
+    begin = f"{stability_in_words(study.vehicle, study.speed)} "
     if study.why_unknown:
         return f"{begin}What can be saved was {study.why_unknown}."
     shares = {
@@ -50,6 +36,25 @@ def summary(study: Study) -> str:
         f"{shares['lqr']}, straight wheels {shares['straight']}."
         + (" (Some steering cannot save fewer: the grid is too coarse for this car, see --grid.)" if coarse else "")
     )
+
+
+def stability_in_words(car: Vehicle, speed: float) -> str:
+    """How a car steers, and whether it is stable at a speed [m/s], in a sentence."""
+    kind = {"oversteer": "oversteers", "neutral": "is neutral", "understeer": "understeers"}[
+        analysis.classification(car)
+    ]
+    critical, doubling = car.critical_speed, analysis.modes(car, speed).time_to_double
+    if math.isinf(critical):
+        stability = "it is stable at every speed"
+    elif math.isinf(doubling):
+        here = "is stable here" if analysis.is_stable(car, speed) else "is just at this limit here"
+        stability = f"it becomes unstable above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) and {here}"
+    else:
+        stability = (
+            f"above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) it is unstable: here a deviation doubles in "
+            f"{doubling:.2f} s unless somebody steers"
+        )
+    return f"This car {kind}; {stability}."
 
 
 def in_words(row: Quantity) -> str:

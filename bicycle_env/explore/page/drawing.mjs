@@ -1,0 +1,205 @@
+// Canvases: axes with their numbers, curves, the phase plane, eigenvalues, the road from above. Units are the screen's.
+const FONT = "12px system-ui, sans-serif";
+
+// The canvas in the pixels of this screen, empty, and the colours of the page.
+export function blank(canvas) {
+  const { width, height } = canvas.getBoundingClientRect(), dense = window.devicePixelRatio || 1;
+  canvas.width = Math.round(width * dense);
+  canvas.height = Math.round(height * dense);
+  const pen = canvas.getContext("2d");
+  pen.setTransform(dense, 0, 0, dense, 0, 0);
+  pen.font = FONT;
+  const style = getComputedStyle(document.documentElement);
+  return { pen, width, height, color: (name) => style.getPropertyValue(`--${name}`).trim() };
+}
+
+const STEPS = [1, 2, 5, 10];
+export function ticks(least, most, count) {
+  const rough = (most - least) / count, power = 10 ** Math.floor(Math.log10(rough));
+  const step = STEPS.find((one) => one * power >= rough * 0.6) * power;
+  const found = [];
+  for (let k = Math.ceil(least / step - 1e-9); k * step <= most + 1e-9 * step; k++) found.push(Number((k * step).toPrecision(12)));
+  return found;
+}
+
+// Axes from `least` to `most` in x and y; gives the functions that place a value, and those that read a pixel.
+export function axes(canvas, x, y, words) {
+  const { pen, width, height, color } = blank(canvas);
+  const box = { left: 54, right: width - 10, top: words.title ? 22 : 10, bottom: height - 34 };
+  const px = (value) => box.left + ((value - x[0]) / (x[1] - x[0])) * (box.right - box.left);
+  const py = (value) => box.bottom - ((value - y[0]) / (y[1] - y[0])) * (box.bottom - box.top);
+  pen.lineWidth = 1;
+  pen.fillStyle = color("soft");
+  const stroke = (kind, x0, y0, x1, y1) => {
+    pen.strokeStyle = color(kind);
+    pen.beginPath();
+    pen.moveTo(x0, y0);
+    pen.lineTo(x1, y1);
+    pen.stroke();
+  };
+  words.behind?.({ pen, px, py, box, color });
+  pen.fillStyle = color("soft");
+  pen.textAlign = "center";
+  pen.textBaseline = "top";
+  for (const value of ticks(...x, Math.max(3, (box.right - box.left) / 80))) {
+    stroke(value === 0 ? "soft" : "grid", px(value), box.top, px(value), box.bottom);
+    pen.fillText(label(value), px(value), box.bottom + 4);
+  }
+  pen.fillText(words.x, (box.left + box.right) / 2, box.bottom + 18);
+  pen.textAlign = "right";
+  pen.textBaseline = "middle";
+  for (const value of ticks(...y, Math.max(3, (box.bottom - box.top) / 45))) {
+    stroke(value === 0 ? "soft" : "grid", box.left, py(value), box.right, py(value));
+    pen.fillText(label(value), box.left - 5, py(value));
+  }
+  pen.textAlign = "left";
+  if (words.title) {
+    pen.fillStyle = color("ink");
+    pen.fillText(words.title, box.left, 11);
+  }
+  if (words.y) {
+    pen.save();
+    pen.translate(9, (box.top + box.bottom) / 2);
+    pen.rotate(-Math.PI / 2);
+    pen.textAlign = "center";
+    pen.fillText(words.y, 0, 0);
+    pen.restore();
+  }
+  const within = (draw) => {
+    pen.save();
+    pen.beginPath();
+    pen.rect(box.left, box.top, box.right - box.left, box.bottom - box.top);
+    pen.clip();
+    draw();
+    pen.restore();
+  };
+  const read = (px0, py0) => [
+    x[0] + ((px0 - box.left) / (box.right - box.left)) * (x[1] - x[0]),
+    y[0] + ((box.bottom - py0) / (box.bottom - box.top)) * (y[1] - y[0]),
+  ];
+  return { pen, px, py, box, color, within, read };
+}
+
+const label = (value) => String(value).replace("-", "−");
+
+export function curve(plot, xs, ys, name, width = 2, dashes = []) {
+  const { pen } = plot;
+  pen.strokeStyle = plot.color(name);
+  pen.lineWidth = width;
+  pen.setLineDash(dashes);
+  pen.beginPath();
+  xs.forEach((x, k) => (k ? pen.lineTo(plot.px(x), plot.py(ys[k])) : pen.moveTo(plot.px(x), plot.py(ys[k]))));
+  pen.stroke();
+  pen.setLineDash([]);
+}
+
+export function dot(plot, x, y, name, radius, filled = true) {
+  const { pen } = plot;
+  pen.beginPath();
+  pen.arc(plot.px(x), plot.py(y), radius, 0, 2 * Math.PI);
+  pen.lineWidth = 2;
+  pen.fillStyle = pen.strokeStyle = plot.color(name);
+  if (filled) pen.fill();
+  else pen.stroke();
+}
+
+export function cross(plot, x, y, name) {
+  const { pen } = plot, r = 8, cx = plot.px(x), cy = plot.py(y);
+  pen.strokeStyle = plot.color(name);
+  pen.lineWidth = 3.5;
+  pen.beginPath();
+  for (const s of [1, -1]) {
+    pen.moveTo(cx - r, cy - s * r);
+    pen.lineTo(cx + r, cy + s * r);
+  }
+  pen.stroke();
+}
+
+// Words at a point, so many pixels below it, and within the axes.
+export function write(plot, x, y, below, words) {
+  const { pen, box } = plot, half = pen.measureText(words).width / 2;
+  pen.fillStyle = plot.color("ink");
+  pen.textAlign = "center";
+  pen.textBaseline = "middle";
+  pen.fillText(words, Math.min(Math.max(plot.px(x), box.left + half), box.right - half), plot.py(y) + below);
+}
+
+// A small arrowhead at the middle of an orbit.
+export function arrow(plot, points) {
+  const k = Math.min(points.length - 1, 6);
+  if (k < 1) return;
+  const [x0, y0, x1, y1] = [plot.px(points[k - 1][0]), plot.py(points[k - 1][1]), plot.px(points[k][0]), plot.py(points[k][1])];
+  const angle = Math.atan2(y1 - y0, x1 - x0);
+  if (Math.hypot(x1 - x0, y1 - y0) < 0.3) return;
+  const { pen } = plot;
+  pen.fillStyle = pen.strokeStyle;
+  pen.beginPath();
+  pen.moveTo(x1, y1);
+  for (const turn of [2.6, -2.6]) pen.lineTo(x1 + 7 * Math.cos(angle + turn), y1 + 7 * Math.sin(angle + turn));
+  pen.fill();
+}
+
+// One lane above the other, each with its car where it is now and the way it came.
+export function road(canvas, cars, now, halfWidth) {
+  const { pen, width, height, color } = blank(canvas);
+  const each = height / cars.length, scale = Math.min((each - 22) / (2 * halfWidth + 6.5), 20);
+  cars.forEach((one, row) => {
+    const { columns } = one.result, last = columns.time.length - 1;
+    const k = Math.min(Math.round(now / (columns.time[1] - columns.time[0])), last);
+    const at = columns.longitudinal_position[k], middle = each * row + 22 + (each - 22) / 2;
+    const px = (x) => width * 0.6 + (x - at) * scale, py = (y) => middle - y * scale;
+    pen.save();
+    pen.beginPath();
+    pen.rect(0, each * row + 22, width, each - 22);
+    pen.clip();
+    pen.fillStyle = color("road");
+    pen.fillRect(0, py(halfWidth), width, 2 * halfWidth * scale);
+    pen.lineWidth = 2;
+    pen.strokeStyle = color("soft");
+    for (const side of [halfWidth, -halfWidth]) {
+      pen.beginPath();
+      pen.moveTo(0, py(side));
+      pen.lineTo(width, py(side));
+      pen.stroke();
+    }
+    pen.lineWidth = 1;
+    pen.setLineDash([3 * scale, 6 * scale]);
+    pen.lineDashOffset = ((at - (0.6 * width) / scale) * scale) % (9 * scale);
+    pen.beginPath();
+    pen.moveTo(0, py(0));
+    pen.lineTo(width, py(0));
+    pen.stroke();
+    pen.setLineDash([]);
+    pen.lineDashOffset = 0;
+    const way = { pen, px, py, color };
+    curve(way, columns.longitudinal_position.slice(0, k + 1), columns.lateral_position.slice(0, k + 1), one.color, 2, one.dashes);
+    body(pen, px(at), py(columns.lateral_position[k]), scale, columns, k, one.car, color(one.color), color("ink"));
+    pen.restore();
+    pen.fillStyle = color("ink");
+    pen.textAlign = "left";
+    pen.textBaseline = "top";
+    const words = `Car ${one.letter}, ${one.who}` + (k === last ? `: ${one.ending}` : "");
+    pen.fillText(words, 4, each * row + 4, width - 8);
+  });
+}
+
+function body(pen, x, y, scale, columns, k, car, color, ink) {
+  pen.save();
+  pen.translate(x, y);
+  pen.rotate(-columns.heading[k]);
+  pen.fillStyle = color;
+  pen.globalAlpha = 0.85;
+  pen.fillRect(-car.rear_extent * scale, (-car.body_width / 2) * scale, (car.front_extent + car.rear_extent) * scale, car.body_width * scale);
+  pen.globalAlpha = 1;
+  for (const [along, steer] of [[car.cg_to_front, columns.front_steer[k]], [-car.cg_to_rear, columns.rear_steer[k]]]) {
+    for (const side of [-0.8, 0.8]) {
+      pen.save();
+      pen.translate(along * scale, (side * car.body_width * scale) / 2);
+      pen.rotate(-steer);
+      pen.fillStyle = ink;
+      pen.fillRect(-0.33 * scale, -0.13 * scale, 0.66 * scale, 0.26 * scale);
+      pen.restore();
+    }
+  }
+  pen.restore();
+}
