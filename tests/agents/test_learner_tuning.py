@@ -71,6 +71,7 @@ def test_a_study_finds_the_better_goes_on_and_counts(trained, monkeypatch, capsy
     assert "train with them" in capsys.readouterr().out
 
 
+@pytest.mark.exhaustive
 def test_a_trial_that_was_stopped_does_not_count(trained, monkeypatch):
     kept = sys.modules["stand_in"].train
 

@@ -8,7 +8,7 @@ import tomllib
 import pytest
 import tyro
 
-from agents import policy_search, ppo, settings
+from agents import policy_search, ppo, ppo_jax, settings
 from agents.messages import UserError
 from bicycle_env.registration import ENVIRONMENTS
 
@@ -51,13 +51,13 @@ def test_a_task_of_ones_own_has_the_default_settings_and_a_remark(capsys):
 
 # Of this package's own trainers
 
-OWN = {ppo.ALGORITHM: ppo.Args, policy_search.ALGORITHM: policy_search.Args}
+OWN = {trainer.ALGORITHM: trainer.Args for trainer in (ppo, policy_search, ppo_jax)}
 
 
 def test_every_trainer_s_settings_are_its_options():
     assert set(OWN) == set(settings.OWN)
     for algo, options in OWN.items():
-        others = {"env_id", "env_keywords", "seed", "out", "resume", "quiet"}
+        others = {"env_id", "env_keywords", "seed", "seeds", "out", "resume", "quiet"}
         assert set(settings.OWN[algo]) == {field.name for field in dataclasses.fields(options)} - others
         settings.own(options(), algo)
 

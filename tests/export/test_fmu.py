@@ -62,6 +62,7 @@ def test_the_description_names_all_that_acts(made):
     assert (folder / "sources" / "bicycle_plant_fmi2.c").exists()
 
 
+@pytest.mark.exhaustive
 def test_the_same_plant_gives_the_same_bytes(made, tmp_path):
     plant, folder, _ = made
     export.export_plant(plant, "fmu", tmp_path)
@@ -132,6 +133,7 @@ def test_fmpy_validates_and_simulates(made):
 
 
 @needs_gcc
+@pytest.mark.exhaustive
 def test_with_fma_the_binary_is_another(tmp_path):
     export.export_plant(export.plant(), "fmu", tmp_path, fma=True)
     with zipfile.ZipFile(tmp_path / "bicycle_plant.fmu") as file:

@@ -18,6 +18,7 @@ def many(**keywords):
     return gym.make_vec(STAB, ROWS, **{"render_mode": "rgb_array", **keywords})
 
 
+@pytest.mark.exhaustive
 def test_a_row_is_drawn_as_the_single_environment_is():
     envs, one = many(render_rows=(2, 0)), gym.make(STAB, render_mode="rgb_array")
     envs.reset(seed=5)
@@ -36,6 +37,7 @@ def test_a_row_is_drawn_as_the_single_environment_is():
     one.close()
 
 
+@pytest.mark.exhaustive
 def test_a_car_of_ones_own_is_drawn_as_it_is():
     long = bicycle_env.vehicles["oversteer"]
     wide = {"body_width": 2.4, "rear_overhang": 1.7, "mass": 1.1 * long.mass}

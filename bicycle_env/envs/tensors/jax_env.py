@@ -6,7 +6,7 @@ import functools
 import inspect
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -201,6 +201,9 @@ def jax_library(jax: Any, dtype: str) -> Library:
     def cast(value: Tensor, kind: Any) -> Tensor:
         return value.astype(kind)
 
+    def columns(value: Tensor, axis: int) -> Sequence[Tensor]:
+        return [value.take(k, axis) for k in range(value.shape[axis])]
+
     # The whole step is compiled at once, not a law by itself.
     tensor = functools.partial(arrays.asarray, dtype=number)
-    return Library(arrays, number, tensor, cast, (), repeated, lambda law: law)
+    return Library(arrays, number, tensor, cast, columns, (), repeated, lambda law: law)

@@ -6,7 +6,7 @@ flow through it. The library is handed in: it is imported when an environment is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from bicycle_env.envs.fleet import Fleet
@@ -31,6 +31,8 @@ class Library(NamedTuple):
     """Numbers in that type where the cars are."""
     cast: Callable[[Tensor, Any], Tensor]
     """``cast(tensor, type)``: gradients flow through it."""
+    columns: Callable[[Tensor, int], Sequence[Tensor]]
+    """``columns(tensor, axis)``: what stands along the axis, one by one."""
     shape: tuple[int, ...]
     """(num_envs,), or () for one car: JAX itself makes many of it."""
     repeated: Callable[[int, Callable[[Any], Any], Any], Any]
@@ -109,7 +111,7 @@ def tensor_kernels(library: Library, fleet: Fleet, world: World, step_limit: Any
     car, tensor = world.car, library.tensor
     per_scale = tensor(1.0 / fleet.observation_scale)
     bound = library.cast(tensor(configuration.observation_bound), arrays.float32)
-    times = tensor(task.preview_times)[:, None] if shape else tensor(task.preview_times)
+    times = tensor([[time] for time in task.preview_times] if shape else task.preview_times)  # the points first
     begin, advance, finish, accompany = parts(xp, task, model, configuration.reward)
     complete, start_law, reference_law, cost_law = model.complete(xp), task.start(xp), task.reference(xp), task.cost(xp)
     observe, preview = task.observe(xp), task.preview(xp)
@@ -127,7 +129,7 @@ def tensor_kernels(library: Library, fleet: Fleet, world: World, step_limit: Any
     start_of_step = tensor(0.0) if changing else 0.0  # a tensor, so that the compiler takes no number for a constant
 
     def start(uniforms: Tensor) -> Episodes:
-        state, task_state = start_law(tuple(uniforms[k] for k in range(task.uniforms)), world)
+        state, task_state = start_law(tuple(library.columns(uniforms, 0)), world)
         state = complete(state, car)
         zero = 0.0 * state.heading
         episode = EpisodeState(zero, zero, zero, zero, mapped(spread, task_state))
@@ -150,8 +152,10 @@ def tensor_kernels(library: Library, fleet: Fleet, world: World, step_limit: Any
 
     def prepare(before: Episodes, action: Tensor) -> tuple[Any, ...]:
         finite = arrays.isfinite(action).all(-1)
-        action = xp.minimum(xp.maximum(arrays.where(finite[..., None], action, 0.0), -1.0), 1.0)
-        pair = (action[..., 0] * rules.steers_front, action[..., -1] * rules.steers_rear)
+        steers = [
+            xp.minimum(xp.maximum(arrays.where(finite, steer, 0.0), -1.0), 1.0) for steer in library.columns(action, -1)
+        ]
+        pair = (steers[0] * rules.steers_front, steers[-1] * rules.steers_rear)
         return finite, pair, *begin(before.state, before.episode, pair, world)
 
     def substep(

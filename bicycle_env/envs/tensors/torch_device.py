@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any
 
@@ -66,7 +66,11 @@ def torch_library(torch: Any, num_envs: int, device: Any, dtype: Any, compiled: 
     def cast(value: Tensor, kind: Any) -> Tensor:
         return value.to(kind)
 
-    return Library(torch, dtype, tensor, cast, (num_envs,), _repeated, compile_law)
+    def columns(value: Tensor, axis: int) -> Sequence[Tensor]:
+        found: Sequence[Tensor] = value.unbind(axis)
+        return found
+
+    return Library(torch, dtype, tensor, cast, columns, (num_envs,), _repeated, compile_law)
 
 
 def _repeated(count: int, body: Callable[[Any], Any], carry: Any) -> Any:
