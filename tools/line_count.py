@@ -46,7 +46,10 @@ FEATURES: dict[str, Names] = {
     "JAX": {
         "envs/tensors/jax_env.py": "*",
         "envs/tensors/tensor_kernels.py": "Library tensor_kernels.spread tensor_kernels.code",
+        "envs/tensors/torch_device.py": "torch_library",
     },
+    "laws written out for other languages": {"backends/trace.py": "*"},
+    "pictures of many cars": {"envs/many/drawn_rows.py": "*"},
     "disturbances": {"tasks/disturbances.py": "*"},
     "drivers": {"tasks/drivers.py": "*", "tasks/task.py": "Task.undriven"},
     "drawn parameters": {
