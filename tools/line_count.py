@@ -49,7 +49,6 @@ FEATURES: dict[str, Names] = {
         "envs/tensors/torch_device.py": "torch_library",
     },
     "laws written out for other languages": {"backends/trace.py": "*"},
-    "pictures of many cars": {"envs/many/drawn_rows.py": "*"},
     "disturbances": {"tasks/disturbances.py": "*"},
     "drivers": {"tasks/drivers.py": "*", "tasks/task.py": "Task.undriven"},
     "drawn parameters": {
