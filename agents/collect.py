@@ -16,6 +16,7 @@ import math
 import os
 import shlex
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +35,7 @@ from agents.headroom_setting import CONTROLLERS
 from agents.messages import UserError
 from bicycle_env import control, optimum
 from bicycle_env.files import shown
+from bicycle_env.installation import needs
 
 RANDOM, SEARCH = "random", "search"
 EPISODES_OF_CHANCE = 100
@@ -76,7 +78,7 @@ def main() -> None:
         minari: Any = importlib.import_module("minari")
         buffer: Any = importlib.import_module("minari.data_collector.episode_buffer")
     except ModuleNotFoundError as error:
-        raise UserError(f"{error.name} is missing: pip install 'bicycle-env[data]'") from None
+        raise UserError(needs("agents.collect", error.name or "minari", "data")) from None
     env = make_env(args.env_id, parse_keywords(args.env_keywords))
     name = args.dataset_id or default_name(env, args.policy)
     if name in minari.list_local_datasets():
@@ -98,22 +100,21 @@ def main() -> None:
     spec: Any = env.spec
     lowest = [sum(recorded(env, by_chance(env, chance), seed)["rewards"]) for seed in seeds[:EPISODES_OF_CHANCE]]
     found = scores.known(env)
-    dataset = minari.create_dataset_from_buffers(
-        name,
-        episodes,
-        env=importable(spec),
-        eval_env=importable(spec),
-        algorithm_name=args.policy + (f", noise {args.noise:g}" if args.noise else ""),
-        author="bicycle-env",
-        author_email="none",
-        code_permalink="none",
-        ref_min_score=float(np.mean(lowest)),
-        ref_max_score=found.best_return if found else float(np.max(returns)),
-        description=shlex.join(["python", "-m", "agents.collect", *sys.argv[1:]]),
-        requirements=[f"bicycle-env=={bicycle_env.__version__}"],
-        observation_space=env.observation_space,
-        action_space=env.action_space,
-    )
+    with warnings.catch_warnings():  # who made it and where the code is, is for whoever publishes it
+        warnings.filterwarnings("ignore", "`(author|author_email|code_permalink)` is set to None")
+        dataset = minari.create_dataset_from_buffers(
+            name,
+            episodes,
+            env=importable(spec),
+            eval_env=importable(spec),
+            algorithm_name=args.policy + (f", noise {args.noise:g}" if args.noise else ""),
+            ref_min_score=float(np.mean(lowest)),
+            ref_max_score=found.best_return if found else float(np.max(returns)),
+            description=shlex.join(["python", "-m", "agents.collect", *sys.argv[1:]]),
+            requirements=[f"bicycle-env=={bicycle_env.__version__}"],
+            observation_space=env.observation_space,
+            action_space=env.action_space,
+        )
     messages.console().print(
         f"{name}: {dataset.total_episodes} episodes, {dataset.total_steps} steps, mean return {np.mean(returns):.1f} "
         f"(by chance {np.mean(lowest):.1f})\nminari.load_dataset({name!r})",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import shlex
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -57,8 +58,8 @@ def _gamma(trial: Any) -> tuple[float, float]:
 
 
 ON_POLICY: dict[str, Suggest] = {
-    "decisions": _one_of("decisions", 16, 32, 64),
-    "hold": _whole("hold", 1, 6),
+    "decisions": _one_of("decisions", 16, 32, 64, 104),
+    "hold": _whole("hold", 1, 8),
     "epochs": _whole("epochs", 2, 10),
     "learning_rate": _number("learning_rate", 1e-4, 5e-3, log=True),
     "gamma": _gamma,
@@ -70,7 +71,7 @@ ON_POLICY: dict[str, Suggest] = {
 SPACES: dict[str, dict[str, Suggest]] = {
     "native-ppo": {
         **ON_POLICY,
-        "history": _whole("history", 1, 6),
+        "history": _whole("history", 1, 12),
         "minibatch": _one_of("minibatch", 1024, 2048, 4096),
     },
     "jax-ppo": {**ON_POLICY, "minibatches": _one_of("minibatches", 4, 8, 16)},
@@ -141,7 +142,7 @@ def search(asked: Search) -> dict[str, Any]:
     # One that goes on must not draw the same numbers again.
     study.sampler = optuna.samplers.TPESampler(seed=asked.seed + len(study.trials))
     if not study.trials:  # the shipped settings are the first trial where the spaces hold them
-        study.enqueue_trial(_enqueued(usual, asked.algo), skip_if_exists=True)
+        study.enqueue_trial(_enqueued(optuna, usual, asked.algo), skip_if_exists=True)
     with messages.progress() as bar:
         job = bar.add_task(asked.study, total=asked.trials)
         while (done := len(_over(study))) < asked.trials:
@@ -152,14 +153,26 @@ def search(asked: Search) -> dict[str, Any]:
     return record(asked, optuna, study)
 
 
-def _enqueued(usual: Any, algo: str) -> dict[str, Any]:
+def _enqueued(optuna: Any, usual: Any, algo: str) -> dict[str, Any]:
+    """Of the shipped settings those that the spaces hold; what they do not hold is drawn."""
     known = {field.name: getattr(usual, field.name) for field in fields(usual)}
     found = {name: known[name] for name in SPACES[algo] if name != "gamma"}
     if "entropy" in found:
         found["entropy"] = max(found["entropy"], 1e-6)
     if "gamma" in SPACES[algo]:
         found |= zip(("horizon_first", "horizon_last"), (1.0 / (1.0 - end) for end in known["gamma"]), strict=True)
-    return found
+    return {name: value for name, value in found.items() if _held(optuna, algo, name, found)}
+
+
+def _held(optuna: Any, algo: str, name: str, values: dict[str, Any]) -> bool:
+    space = SPACES[algo].get(name, SPACES[algo].get("gamma"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # Optuna only warns of a number beyond its range
+        try:
+            space(optuna.trial.FixedTrial(values))  # type: ignore[misc]
+        except (ValueError, UserWarning):
+            return False
+    return True
 
 
 def _over(study: Any) -> list[Any]:

@@ -29,7 +29,7 @@ import tyro
 from rich.console import Console
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import messages, settings, stopping
+from agents import messages, settings, stopping, training
 from agents.episodes import start_seeds
 from agents.evaluate import make_env, parse_keywords
 from agents.messages import UserError
@@ -38,7 +38,6 @@ from bicycle_env import control, optimum, provenance
 from bicycle_env.backends import announcements
 
 ALGORITHM = settings.RLLIB
-SELECTED, SELECTION_SEED = 500, 0
 CHECKPOINT = "rllib"
 """Folder of RLlib's own, below the run's."""
 LARGEST_DIFFERENCE = 1e-4
@@ -152,6 +151,11 @@ def train(args: Args, console: Console) -> int:
     keywords = parse_keywords(args.env_keywords)
     settings.check_seed(args.seed)
     messages.check_least(args, total_timesteps=1, runners=0, cars=1, decisions=1, epochs=1, minibatch=1, width=1)
+    for name in ("learning_rate", "gamma"):
+        try:
+            settings.SHARE(f"--{name.replace('_', '-')}", getattr(args, name))
+        except ValueError as error:
+            raise UserError(str(error)) from None
     path = args.out or Path("runs") / f"{args.env_id}-{ALGORITHM}-{args.seed}"
     messages.check_folder("--out", path)
     plant: Any = make_env(args.env_id, keywords).unwrapped  # mistakes in the keywords are found here
@@ -160,7 +164,10 @@ def train(args: Args, console: Console) -> int:
         raise UserError(f"--resume: {path} holds no run")
     if not args.resume:
         refuse_run(path)
-    assessed, seeds = optimum.Cars(args.env_id, keywords), start_seeds(SELECTED, SELECTION_SEED, "select")
+    assessed, seeds = (
+        optimum.Cars(args.env_id, keywords),
+        start_seeds(training.SELECTED, training.SELECTION_SEED, "select"),
+    )
     own = ("runners", "cars", "decisions", "epochs", "minibatch", "learning_rate", "gamma", "width")
     identity = {
         "env_id": args.env_id,
@@ -197,7 +204,7 @@ def train(args: Args, console: Console) -> int:
                     steps = int(result["num_env_steps_sampled_lifetime"])
                     module = algorithm.get_module()
                     policy = network(module, names, {**identity_of_policy(identity), "timesteps": steps})
-                    driven = optimum.drive(assessed.of(SELECTED), optimum.by(policy), seeds)
+                    driven = optimum.drive(assessed.of(training.SELECTED), optimum.by(policy), seeds)
                     success, gained, length = (float(np.mean(column)) for column in np.take(driven, (0, 2, 3), axis=0))
                     seconds = spent + time.perf_counter() - begin
                     curve.append(f"{steps},{seconds:.1f},{success:.4f},{gained:.3f},{length:.1f}")
@@ -211,14 +218,19 @@ def train(args: Args, console: Console) -> int:
             if chosen is not None:
                 chosen.save(path)
             over = steps >= args.total_timesteps or best[1] >= enough
-            told = {"timesteps": best[2], "success_rate": best[0], "episode_return": best[1], "starts": SELECTED}
+            told = {
+                "timesteps": best[2],
+                "success_rate": best[0],
+                "episode_return": best[1],
+                "starts": training.SELECTED,
+            }
             seconds = round(spent + time.perf_counter() - begin, 1)
             folder.write_record({**record, "finished": over, "timesteps": steps, "seconds": seconds, "best": told})
             folder.write_curve(curve)
     console.print(
         f"{args.env_id}, seed {args.seed}: {steps:,} steps in {seconds:.0f} s; the best policy, after {best[2]:,} of "
-        f"them, saves {100.0 * best[0]:.1f} % of the {SELECTED} starts that chose it\npolicy and record of the run: "
-        f"{path}",
+        f"them, saves {100.0 * best[0]:.1f} % of the {training.SELECTED} starts that chose it\n"
+        f"policy and record of the run: {path}",
         soft_wrap=True,
     )
     return int(best[1] < enough < math.inf)

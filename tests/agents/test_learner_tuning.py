@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 import types
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from agents import learner_tuning, policy_search, settings, tune
+from agents import learner_tuning, policy_search, ppo, settings, tune
 from agents.messages import UserError
 
 pytest.importorskip("optuna")
@@ -113,3 +114,14 @@ def test_the_spaces_name_options_that_the_settings_allow(algo):
 def test_a_mistake_is_one_line(words, text, trained, monkeypatch):
     with pytest.raises(UserError, match=text):
         run(monkeypatch, *words)
+
+
+@pytest.mark.parametrize("env_id", ["BicycleStab-v0", "BicycleActiveSteer-v0", "BicycleEvade-v0"])
+def test_what_is_shipped_is_tried_first_as_far_as_the_spaces_hold_it(env_id):
+    optuna = pytest.importorskip("optuna")
+    usual = settings.usual(ppo.Args, "native-ppo", ["--env-id", env_id])
+    found = learner_tuning._enqueued(optuna, usual, "native-ppo")
+    assert found["hold"] == usual.hold
+    assert found["history"] == usual.history
+    beyond = learner_tuning._enqueued(optuna, dataclasses.replace(usual, width=77, hold=99), "native-ppo")
+    assert not {"width", "hold"} & set(beyond)
