@@ -8,6 +8,8 @@ import sys
 import zipfile
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -17,6 +19,7 @@ def run(*command: str, **keywords: object) -> str:
     return done.stdout
 
 
+@pytest.mark.exhaustive
 def test_the_wheel_installs_and_steps_elsewhere(tmp_path):
     source = tmp_path / "source"
     run("-c", COPY, str(ROOT), str(source))
@@ -52,6 +55,8 @@ def test_the_wheel_installs_and_steps_elsewhere(tmp_path):
 COPY = """
 import shutil, sys
 from pathlib import Path
+
+import pytest
 root, copy = map(Path, sys.argv[1:])
 copy.mkdir()
 for name in ("pyproject.toml", "README.md", "LICENSE"):

@@ -87,6 +87,7 @@ def test_a_trial_that_was_stopped_does_not_count(trained, monkeypatch):
     assert len(trained) == 2
 
 
+@pytest.mark.exhaustive
 def test_a_study_is_of_one_setting(trained, monkeypatch):
     run(monkeypatch, "--trials", "1", "--study", "mine")
     with pytest.raises(UserError, match="--study 'mine' is of another env_id, 'BicycleStab-v0': give another name"):

@@ -82,6 +82,7 @@ def test_one_quantity_is_another_and_the_speed_stays(quantity, value, check):
     assert quantity == "speed" or env.speed == ENV.speed
 
 
+@pytest.mark.exhaustive
 def test_what_a_level_has_already_stays():
     plant = gym.make("BicycleLaneChange-v0", level="hard").unwrapped
     own = robustness.stated(plant, {"level": "hard", "speed_ratio": 1.1})

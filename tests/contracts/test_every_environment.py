@@ -186,6 +186,7 @@ ROLLOUT = textwrap.dedent(
 )
 
 
+@pytest.mark.exhaustive
 def test_another_process_gives_the_same_numbers():
     """Also with another hash seed, and with `python -O`, which drops asserts."""
     here: dict = {}
