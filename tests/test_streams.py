@@ -4,6 +4,7 @@ import io
 import sys
 
 import pytest
+from combinations import only_all
 
 from agents import messages
 from bicycle_env import cli
@@ -65,7 +66,7 @@ def test_the_list_of_cars_is_printed_in_every_encoding(stream, encoding):
     assert "oversteer" in written()
 
 
-@pytest.mark.parametrize(("encoding", "unit"), [("cp932", "m/s^2"), ("gbk", "m/s^2"), ("cp1252", "m/s²")])
+@pytest.mark.parametrize(("encoding", "unit"), [("cp932", "m/s^2"), only_all("gbk", "m/s^2"), ("cp1252", "m/s²")])
 def test_a_report_is_printed_in_every_encoding(stream, encoding, unit):
     written = stream(encoding)
     assert cli.main(["report", "--vehicle", "civic", "--speed", "30", "--grid", "31", "--quiet"]) == 0

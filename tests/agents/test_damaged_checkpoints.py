@@ -329,6 +329,7 @@ def test_the_folders_are_sound_without_damage(runs, tmp_path):
         assert json.loads((tmp_path / run / "run.json").read_text())["finished"] is True
 
 
+@pytest.mark.exhaustive
 def test_a_command_on_a_damaged_folder(runs, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(runs / "ppo", folder)

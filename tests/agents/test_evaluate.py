@@ -61,6 +61,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(words, text):
 
 
 HELPED = ["train", "ppo", "policy_search", "evaluate", "benchmark", "seeds", "demo", "tune", "headroom", "publishing"]
+HELPED += ["collect", "jobs", "ppo_jax", "train_rllib", "mpc_headroom", "robustness", "moving_picture"]
 
 
 @pytest.mark.parametrize("module", some_of(HELPED, ["train"]))

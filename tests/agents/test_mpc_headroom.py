@@ -42,6 +42,7 @@ class Weighed:
     searched = optimum.ActiveSteerMPC.parameters
 
 
+@pytest.mark.exhaustive
 def test_the_weights_are_the_best_of_the_sets(monkeypatch):
     """The usual ones first; later sets stand closer, about the best so far."""
     args = mpc_headroom.Args()

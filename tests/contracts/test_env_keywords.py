@@ -177,9 +177,9 @@ def test_speed_and_speed_ratio_together(env_id):
 def test_a_speed_ratio_needs_a_critical_speed(env_id, name):
     with pytest.raises(ValueError, match=r"speed_ratio.*no critical speed.*give speed"):
         gym.make(env_id, vehicle=name, speed_ratio=0.9)
-    env = gym.make(env_id, vehicle=name).unwrapped
+    env = gym.make(env_id, vehicle=name, tire="linear").unwrapped
     assert env.speed == (env.task.usual_speed or DEFAULT_SPEED)
-    assert gym.make(env_id, vehicle=name, speed=25.0).unwrapped.speed == 25.0
+    assert gym.make(env_id, vehicle=name, speed=25.0, tire="linear").unwrapped.speed == 25.0
 
 
 @pytest.mark.parametrize("env_id", IDS)
@@ -230,7 +230,7 @@ def test_duration_and_length_together():
 def test_too_many_preview_points():
     with pytest.raises(ValueError, match="preview_length / preview_spacing must be <= 500, got 600"):
         gym.make("BicycleLaneChange-v0", preview_length=6.0, preview_spacing=0.01)
-    most = gym.make("BicycleLaneChange-v0", preview_length=5.0, preview_spacing=0.01)
+    most = gym.make("BicycleLaneChange-v0", preview_length=5.0, preview_spacing=0.01, tire="linear")
     assert most.observation_space.shape == (510,)
 
 

@@ -246,6 +246,7 @@ def test_ice_on_both_sides_is_everywhere():
         assert env.step(action)[0].tobytes() == plain.step(action)[0].tobytes()
 
 
+@pytest.mark.exhaustive
 def test_a_friction_step_is_another_friction_from_then_on():
     stepped, slippery = make(**neutral(step=FrictionStep(at=0.0, front=0.6, rear=0.6))), make(friction=0.6)
     for env in (stepped, slippery):
