@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import tyro
@@ -90,6 +90,8 @@ class Args:
     """Of the actions that are tried out at first, as a share of full steer."""
     mirrored: bool = True
     """Mirror images are answered by mirror images."""
+    history: ClassVar[int] = 1
+    """No option: what a policy's file says."""
 
 
 class Learner(NamedTuple):
@@ -266,7 +268,7 @@ def train(args: Args, console: Console, watch: training.Watch | None = None) -> 
     make_env(args.env_id, keywords).close()  # mistakes in the keywords are found here
     held = {**keywords, "action_repeat": args.hold * keywords.get("action_repeat", 1)}
     env, assessed = JaxEnv(args.env_id, **held), optimum.Cars(args.env_id, keywords)
-    manner = training.manner(_Manner(args.hold, 1, args.mirrored), assessed.plant)
+    manner = training.manner(args, assessed.plant)
     begin, update = (jax.vmap(law) for law in trainer(args, env))
     steps = args.cars * args.decisions * env.action_repeat
     updates = math.ceil(args.total_timesteps / steps)
@@ -329,12 +331,6 @@ def imported() -> Any:
     jax = importlib.import_module("jax")
     jax.config.update("jax_enable_x64", True)
     return jax
-
-
-class _Manner(NamedTuple):
-    hold: int
-    history: int
-    mirrored: bool
 
 
 def state(learner: Learner, jax: Any) -> State:
