@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.control.policy import Array, Policy
 from bicycle_env.control.remembered import Remembered
-from bicycle_env.control.rows import in_blocks
+from bicycle_env.control.rows import product
 from bicycle_env.files import (
     FileError,
     anything,
@@ -170,11 +170,11 @@ class Network(Policy):
 
     def _raw(self, seen: Any) -> Any:
         """What the last layer gives."""
-        x: Any = in_blocks(seen, np.float32)
+        x: Any = np.asarray(seen, np.float32)
         for weight, bias in self._layers[:-1]:
-            x = self._activation(np.matmul(x, weight) + bias)
+            x = self._activation(product(x, weight) + bias)
         weight, bias = self._layers[-1]
-        return (np.matmul(x, weight) + bias).reshape(-1, self._axles)[: len(seen)]
+        return product(x, weight) + bias
 
     def check_fit(self, plant: Any) -> None:
         """ValueError unless an environment shows and steers what the policy was trained with; both keywords in it."""
