@@ -37,7 +37,7 @@ def vector(tire: str, idle: bool) -> Any:
     env.reset(seed=0)
     unwrapped: Any = env.unwrapped
     if idle:
-        (signature,) = unwrapped._step.signatures
+        (signature,) = unwrapped._kernels.step.signatures
         unwrapped._run = numba.njit(numba.int64(*signature), nogil=True)(nothing)
     action = np.zeros((1, 2), np.float32)
 

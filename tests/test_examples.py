@@ -226,6 +226,6 @@ def test_a_law_that_numba_cannot_compile_is_one_line():
         default_task = dataclasses.dataclass(frozen=True)(Starred)()
 
     with pytest.raises(LawError, match=r"test_examples.py, line \d+: this law cannot be compiled \(") as error:
-        Env(**QUICK)
+        Env(**QUICK).reset()
     assert "\n" not in str(error.value)
     assert "\n" in error.value.details

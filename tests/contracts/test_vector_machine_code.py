@@ -92,7 +92,7 @@ def test_single_precision_computes_in_single_precision(combination):
 
 
 def test_multiply_adds_are_seen_scalar_and_packed():
-    scalar = in_loops(optimised(gym.make("BicycleStab-v0").unwrapped._step))
+    scalar = in_loops(optimised(gym.make("BicycleStab-v0").unwrapped._kernels.step))
     packed = in_loops(optimised(make_many(COMBINATIONS[0])._kernels.step))
     assert scalar[FUSED, "double"] > 30
     assert sum(count for (name, kind), count in packed.items() if name == FUSED and kind.startswith("<")) > 50
@@ -100,6 +100,6 @@ def test_multiply_adds_are_seen_scalar_and_packed():
 
 def test_the_single_environment_is_seen_as_scalar():
     """What this page looks for is there where it must be."""
-    other, _, packed = split(in_loops(optimised(gym.make("BicycleStab-v0").unwrapped._step)), "double")
+    other, _, packed = split(in_loops(optimised(gym.make("BicycleStab-v0").unwrapped._kernels.step)), "double")
     assert other > 50
     assert packed < other

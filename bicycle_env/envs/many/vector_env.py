@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import math
 from collections.abc import Mapping, Sequence
@@ -119,12 +120,15 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
         self._generators = Generators(self.num_envs)
         self._bind()
 
+    @functools.cached_property
+    def _kernels(self) -> block_kernels.Kernels:
+        """Compiled, or loaded, when episodes are asked for: as those of the single environment."""
+        return block_kernels.kernels(self._kind, self.reward)
+
     def _bind(self) -> None:
-        self._kernels = block_kernels.kernels(self._kind, self.reward)
-        self._step = self._kernels.step
         self._numbers, self._blocks = self._rows.numbers, self._rows.blocks
         self._threads = Threads(self.threads, self.num_envs, self._blocks)
-        self._run = self._run_shared if self._threads.helpers else self._step
+        self._run = self._run_shared if self._threads.helpers else self._first_run
 
     # Gymnasium's interface
 
@@ -156,11 +160,12 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
         seeds = checked_seeds(seed, self.num_envs)
         if not self._started and not np.all(mask):
             raise gym.error.ResetNeeded("the first reset() must start all rows: it takes no reset_mask")
+        kernels = self._kernels
         self._generators.seed(seeds, mask)
         if others is not None or self._changed:
             self._changed = True
             self._rows.put_cars(others or self.fleet, mask)
-        self._kernels.start(self._numbers, mask, self._generators.addresses)
+        kernels.start(self._numbers, mask, self._generators.addresses)
         if changes:
             self._rows.put(changes, mask)
             self._refill(mask)
@@ -332,13 +337,18 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
             flags[:3, waiting], end[waiting] = False, 0
         return int(np.count_nonzero(flags[0] | flags[1]))
 
+    def _first_run(self, *arguments: Any) -> int:
+        """The compiled step, which from now on needs not be looked for."""
+        self._run = self._kernels.step
+        return int(self._run(*arguments))
+
     def _run_shared(self, *arguments: Any) -> int:
-        """``_step``, its blocks shared among the threads."""
+        """The compiled step, its blocks shared among the threads."""
         arguments, actions = arguments[:-2], arguments[1]
         finite = np.isfinite(actions)
         if not np.all(finite) and np.any(~np.all(finite, axis=1) & ~self._over):  # before any thread changes anything
             return block_kernels.BAD_ACTION
-        return self._threads.sum(self._step, arguments)
+        return self._threads.sum(self._kernels.step, arguments)
 
     def _run_without(self, bad: Any, actions: Any, results: tuple[Any, Any, Any, Any], restarts: bool) -> int:
         """A step of which some rows' actions are not finite: refused, or the end of those rows' episodes."""
@@ -390,7 +400,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions and threads stay in their process: all are made anew.
-        left = ("_kernels", "_step", "_run", "_threads", "_numbers", "_blocks")
+        left = ("_kernels", "_run", "_threads", "_numbers", "_blocks")
         return {name: value for name, value in self.__dict__.items() if name not in left}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import math
 from collections.abc import Mapping
@@ -97,10 +98,13 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         self._viewer: Any = None
         self._bind()
 
+    @functools.cached_property
+    def _kernels(self) -> block_kernels.Kernels:
+        """Compiled, or loaded, when an episode is asked for: whoever wants the numbers of a plant does not wait."""
+        return block_kernels.kernels(self._kind, self.reward, step_of_one)
+
     def _bind(self) -> None:
-        self._kernels = block_kernels.kernels(self._kind, self.reward, step_of_one)
-        once = self._kernels.step if self.action_repeat == 1 else self._step_repeated
-        self._step = self._step_after_close if self.closed else once
+        self._step = self._step_after_close if self.closed else self._first_step
         self._State = self.configuration.State
         self._numbers = self._rows.numbers
         self._episode = self._rows.episodes[0, :, 0]
@@ -134,10 +138,11 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         limits = (self.front_actuator.angle_limit, self.rear_actuator.angle_limit)
         state = checked_state(given["state"], *limits, own=self.model.own) if "state" in given else None
         changes = self.task.option_numbers(given)
+        kernels = self._kernels
         super().reset(seed=seed)
         if driven is not self._present:
             self._drive(driven)
-        self._kernels.start(self._numbers, ONE, addresses([self.np_random]))
+        kernels.start(self._numbers, ONE, addresses([self.np_random]))
         if given:
             at = self._at
             if state is not None:
@@ -323,6 +328,12 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     @property
     def _steps(self) -> float:
         return float(self._episode[self._at.kept + STEPS])
+
+    def _first_step(self, *arguments: Any) -> tuple[float, int, float, bool]:
+        """The compiled step, which from now on needs not be looked for."""
+        self._step = self._kernels.step if self.action_repeat == 1 else self._step_repeated
+        found: tuple[float, int, float, bool] = self._step(*arguments)
+        return found
 
     def _step_repeated(self, *arguments: Any) -> tuple[float, int, float, bool]:
         """The compiled step, ``action_repeat`` times unless the episode ends before: the sum of the rewards."""
