@@ -10,7 +10,7 @@ Hundreds of cars are driven at once by the native vector environment, in one thr
 - The policy may see what it saw at its last decisions; the critic also sees what is hidden.
 - An episode in which success can no longer come may end there: else a policy learns to fail one criterion for sure, in
   order not to fail two.
-- It may begin as the image of a classical controller.
+- It may begin as the image of a classical controller, or of one that has learned to plan.
 - A mirror image is answered by the mirror image of the action, and worth as much.
 - The best policy is kept, chosen on starts of their own, not the last one.
 
@@ -42,6 +42,8 @@ from bicycle_env import control, optimum
 from bicycle_env.backends import announcements
 
 ALGORITHM = "native-ppo"
+PLANNED = 192
+"""Starts of an iteration of --plan."""
 
 
 @dataclass
@@ -102,6 +104,8 @@ class Args:
     """Added to the reward where the time is over with success, in training only; a time-out is then an end."""
     imitate: str = ""
     """A controller by name: the policy begins as its image, with the parameters tuned for the id and level."""
+    plan: int = 0
+    """Iterations of a search that first lets this controller choose its path by what the start shows; of evade-path."""
     critic_alone: int = 0
     """Updates at first in which only the critic learns: a policy that is good already must not unlearn."""
 
@@ -319,7 +323,7 @@ def train(args: Args, console: Console, watch: training.Watch | None = None) -> 
         run.watch = watch
         if arrays is None:
             if args.imitate:
-                imitate(args, learner.policy, assessed)
+                imitate(args, keywords, learner.policy, assessed)
             cars.begin(args.seed, assessed.episode_steps)
         else:
             put(arrays, learner, optimizer, cars)
@@ -339,7 +343,7 @@ def train(args: Args, console: Console, watch: training.Watch | None = None) -> 
     return path
 
 
-def imitate(args: Args, policy: nn.Module, cars: optimum.Cars) -> None:
+def imitate(args: Args, keywords: dict[str, Any], policy: nn.Module, cars: optimum.Cars) -> None:
     """Let the policy begin as the image of a controller; UserError if there is none of that name for these cars."""
     plant = cars.plant
     name = plant.spec.id if plant.spec is not None else ""
@@ -348,6 +352,13 @@ def imitate(args: Args, policy: nn.Module, cars: optimum.Cars) -> None:
         teacher = control.make(args.imitate, plant, parameters=parameters)
     except (TypeError, ValueError, np.linalg.LinAlgError) as error:
         raise UserError(f"--imitate: {error}") from None
+    if args.plan:
+        if not isinstance(teacher, control.TunableLaw):
+            raise UserError(f"--plan: {args.imitate} has no parameters that may differ from car to car")
+        seeds = [start_seeds(PLANNED, args.seed + 1000 * (k + 1), "tune") for k in range(args.plan)]
+        teacher = optimum.search_plan(
+            args.env_id, keywords, teacher, seeds.__getitem__, iterations=args.plan, seed=args.seed
+        )
     starts = start_seeds(imitation.ROUNDS * imitation.CARS, args.seed, "tune")
     imitation.imitate(policy, teacher, cars.of(imitation.CARS), starts, args.hold, args.history)
 

@@ -29,6 +29,7 @@ OF_THEM = (
     "test_double_lane_change.py",
     "test_evade.py",
     "test_evade_path.py",
+    "test_plan_search.py",
     "test_rear_steering.py",
 )
 

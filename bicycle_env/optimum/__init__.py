@@ -9,6 +9,7 @@ from bicycle_env.optimum.active_steer_mpc import ActiveSteerMPC
 from bicycle_env.optimum.corridor_mpc import DoubleLaneChangeMPC, EvadeMPC
 from bicycle_env.optimum.outcomes import Cars, Outcome, Outcomes, by, drive, make_cars, replay
 from bicycle_env.optimum.parameter_search import OwnParameters, draws_of, search_parameters
+from bicycle_env.optimum.plan_search import Planned, search_plan
 from bicycle_env.optimum.predictive import HOLD, Knowledge, Predictive
 from bicycle_env.optimum.steering_search import Rescue, search_steering
 from bicycle_env.optimum.tuning import Budget, Candidate, Space, Tuning, budget, tune
@@ -33,6 +34,7 @@ __all__ = [
     "Outcome",
     "Outcomes",
     "OwnParameters",
+    "Planned",
     "Predictive",
     "Rescue",
     "Space",
@@ -44,6 +46,7 @@ __all__ = [
     "make_cars",
     "replay",
     "search_parameters",
+    "search_plan",
     "search_steering",
     "tune",
 ]
