@@ -5,8 +5,8 @@
 Hundreds of cars are driven at once by the native vector environment, in one thread. What is particular here:
 
 - A time-out is no end: the value of what is observed there stands for what would come (unless a bonus is paid for it).
-- An action may be held for several control steps. At 50 Hz a road wheel, which turns at a limited rate, averages the
-  noise of an action away, so that nothing is tried out.
+- An action may be held for several control steps, or the noise on it. At 50 Hz a road wheel, which turns at a limited
+  rate, averages the noise of an action away, so that nothing is tried out.
 - The policy may see what it saw at its last decisions; the critic also sees what is hidden.
 - An episode in which success can no longer come may end there: else a policy learns to fail one criterion for sure, in
   order not to fail two.
@@ -94,6 +94,8 @@ class Args:
     """Of the two hidden layers of policy and critic."""
     deviation: float = 0.37
     """Of the actions that are tried out at first, as a share of full steer."""
+    noise_hold: int = 1
+    """Decisions for which the noise on the policy's action stays the same, where one is too short for the wheels."""
     mirrored: bool = True
     """Mirror images are answered by mirror images."""
     informed_critic: bool = True
@@ -256,11 +258,13 @@ def drive(args: Args, learner: Learner, cars: Cars, gamma: float) -> dict[str, T
     rows: list[tuple[Any, ...]] = []
     seen, hidden, ready = [], [], []
     with torch.no_grad():
-        for _ in range(args.decisions):
+        for k in range(args.decisions):
             seen.append(torch.from_numpy(cars.seen)), hidden.append(torch.from_numpy(cars.hidden()))
             ready.append(torch.from_numpy(~cars.over))
             tried = learner.actions(seen[-1])
-            action = tried.sample()
+            if k % args.noise_hold == 0:
+                noise = torch.randn_like(tried.mean)
+            action = tried.mean + tried.stddev * noise
             reward, terminated = cars.step(action.numpy())
             rows.append((action, tried.log_prob(action).sum(1), reward, terminated, cars.over))
         seen.append(torch.from_numpy(cars.seen)), hidden.append(torch.from_numpy(cars.hidden()))

@@ -62,6 +62,7 @@ def test_an_example_runs_as_its_docstring_says(name, tmp_path):
         assert (tmp_path / "runs" / f"{name}.png").stat().st_size > 20_000
 
 
+@pytest.mark.exhaustive
 def test_the_task_is_the_same_for_one_car_many_and_tensors():
     importlib.import_module("my_task")
     env_id = "Mine/Gusty-v0"

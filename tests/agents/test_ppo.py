@@ -326,3 +326,18 @@ def test_it_learns_to_save_the_car(tmp_path):
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["best"]["success_rate"] > 0.55
     assert float(curve(tmp_path / "run")[1][1]) < 0.1
+
+
+@pytest.mark.parametrize("hold", [1, 3])
+def test_noise_is_held_for_as_many_decisions_as_asked_for(hold):
+    args = replace(TINY, noise_hold=hold, decisions=7)
+    cars = ppo.Cars(args, {})
+    learner = ppo.Learner(args, cars)
+    cars.begin(0, 400)
+    torch.manual_seed(0)
+    acted, step = [], cars.step
+    cars.step = lambda actions: acted.append((cars.seen.copy(), actions.copy())) or step(actions)
+    ppo.drive(args, learner, cars, 0.99)
+    noise = [actions - learner.actions(torch.from_numpy(seen)).mean.detach().numpy() for seen, actions in acted]
+    for k in range(1, 7):
+        assert np.allclose(noise[k], noise[k - 1], atol=1e-5) == (k % hold != 0)

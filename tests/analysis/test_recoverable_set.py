@@ -170,6 +170,7 @@ def test_a_lane_saves_less(plane, lane):
     assert wide.share(*BOX) > lane.share(*BOX)
 
 
+@pytest.mark.exhaustive
 def test_the_lane_set_converges_within_two_hundredths(lane):
     coarse = analysis.recoverable_set(CAR, SPEED, **PUBLISHED, lane=1.75, lane_grid=(31, 31, 17, 11))
     assert abs(lane.share(*BOX) - coarse.share(*BOX)) < 0.02

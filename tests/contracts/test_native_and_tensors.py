@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from combinations import pairwise
 from vector_cases import ACTIVE, IDS, LANE_CHANGE, MODES, STAB
 
 from bicycle_env.envs import TorchVectorEnv
@@ -42,9 +43,7 @@ def test_a_method_of_both_has_one_signature():
         ], name
 
 
-@pytest.mark.parametrize("telemetry", [False, True])
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize(("env_id", "mode", "telemetry"), pairwise(IDS, MODES, [False, True]))
 def test_info_is_the_same(env_id, mode, telemetry):
     """Straight running at the goal until all have settled; then the episode of one car ends."""
     pair = both(env_id, autoreset_mode=mode, on_invalid="terminate", telemetry=telemetry, tire="linear", steer="both")

@@ -63,8 +63,8 @@ class HostGenerator(torch.Generator):
     [
         (STAB, "SameStep", "fiala"),
         (LANE, "NextStep", "linear"),
-        (LANE, "SameStep", "linear"),
-        (STAB, "Disabled", "tanh"),
+        only_all(LANE, "SameStep", "linear"),
+        only_all(STAB, "Disabled", "tanh"),
     ],
 )
 def test_all_is_on_the_device(env_id, mode, tire, monkeypatch):

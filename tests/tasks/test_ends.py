@@ -97,6 +97,7 @@ def test_each_corner_is_judged_at_its_own_place(side):
             assert cost(state, here, episode, WORLD) == float(expected < 0.0)
 
 
+@pytest.mark.exhaustive
 def test_telemetry_and_cost_judge_alike_in_every_environment():
     bicycle_env.register("Gate-v0", Gate)
     try:

@@ -163,6 +163,7 @@ CAR = vehicles["oversteer"]
 FRONT = {"angle_limit": math.radians(6.0), "rate_limit": math.radians(40.0)}
 
 
+@pytest.mark.exhaustive
 def test_other_numbers_compile_nothing_anew():
     before = set(ENTRY_POINTS)
     make(**EVERYTHING)
