@@ -10,12 +10,14 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from matplotlib.lines import Line2D
 
 from agents.episodes import Episode, start_seeds
+from agents.headroom_setting import recoverable
 from bicycle_env import plots
 from bicycle_env.control import Policy
 from bicycle_env.files import read_bytes, write_bytes
-from bicycle_env.plots.style import BLUE, GREY, ORANGE, RED, LineStyle, dress, new_figure, save
+from bicycle_env.plots.style import BLACK, BLUE, GREY, ORANGE, RED, LineStyle, dress, new_figure, save
 
 STYLES = {"zero": LineStyle(GREY, "-"), "lqr": LineStyle(ORANGE, "--"), "learned": LineStyle(BLUE, "-")}
 LABELS = {"zero": "uncontrolled", "lqr": "LQR", "learned": "learned (PPO)"}
@@ -55,7 +57,7 @@ def drive(env: gym.Env, policies: dict[str, Policy], seed: int, path: Path) -> N
 
 
 def saved_starts(env: gym.Env, driven: dict[str, list[Episode]], seed: int, path: Path) -> None:
-    """Which starts each policy saves, in the plane of sideslip and yaw rate."""
+    """Which starts each policy saves, in the plane of sideslip and yaw rate, and beyond what bound no steering does."""
     plant: Any = env.unwrapped
     count = len(next(iter(driven.values())))
     starts = []
@@ -63,17 +65,22 @@ def saved_starts(env: gym.Env, driven: dict[str, list[Episode]], seed: int, path
         env.reset(seed=start)
         starts.append((plant.state.lateral_velocity / plant.speed, plant.state.yaw_rate))
     x, y = np.degrees(np.array(starts)).T
+    slips, rates = (np.linspace(-1.1, 1.1, 121) * np.max(np.abs(values)) for values in (x, y))
+    within = recoverable(plant).contains(plant.speed * np.radians(slips), np.radians(rates)[:, None])
     figure = new_figure(
         11, 4.3, f"The same {count} starts: which cars are brought back to straight running in their lane"
     )
     for axis, (name, episodes) in zip(figure.subplots(1, len(driven), sharey=True), driven.items(), strict=True):
         won = np.array([episode.success for episode in episodes])
+        axis.contour(slips, rates, within, levels=[0.5], colors=BLACK, linewidths=1.2)
         axis.scatter(x[won], y[won], s=22, color=BLUE, label="saved")
         axis.scatter(x[~won], y[~won], s=26, color=RED, marker="x", label="lost")
         dress(axis, xlabel="sideslip at the start [deg]", title=f"{LABELS[name]}: {100 * won.mean():.1f} % saved")
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel("yaw rate at the start [deg/s]")
-    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    bound = Line2D([], [], color=BLACK, linewidth=1.2, label="bound: outside, no steering saves the car")
+    handles, _ = axis.get_legend_handles_labels()
+    figure.legend(handles=[*handles, bound], loc="outside lower center", ncols=3)
     save(figure, path)
 
 

@@ -27,11 +27,13 @@ from bicycle_env.command_words import (
     REPORT_EXAMPLES,
 )
 from bicycle_env.files import anything, checked_output_folder, mapping, parse_json, shown
+from bicycle_env.installation import needs
 from bicycle_env.physics.lateral import GEOMETRIES
 from bicycle_env.physics.validation import whole
 from bicycle_env.streams import take_any_text
 
 PROGRAM = "bicycle-env"
+SHELLS = ("bash", "zsh", "tcsh")
 
 
 class UserError(Exception):
@@ -49,8 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; 0, or 2 with one line on standard error for a user's mistake, 130 for Ctrl-C."""
     take_any_text()
     try:
-        chosen = parser().parse_args(arguments)
-        chosen.run(chosen)
+        words = parser()
+        chosen = words.parse_args(arguments)
+        chosen.run(chosen) if chosen.command else _begin(words, chosen.completion)
         sys.stdout.flush()
     except BrokenPipeError:  # `| head` has read enough; nothing is left to say to it when Python ends
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -70,6 +73,18 @@ def _complain(words: object) -> int:
     return 2
 
 
+def _begin(words: Parser, shell: str | None) -> None:
+    """What is said where no command is given: how to go on, or the completion of a shell."""
+    if shell is None:
+        words.print_help()
+        return
+    try:
+        import shtab
+    except ModuleNotFoundError:
+        raise UserError(needs("--completion", "shtab", "completion")) from None
+    sys.stdout.write(shtab.complete(words, shell) + "\n")
+
+
 def parser() -> Parser:
     """The command's words."""
     top = Parser(
@@ -79,7 +94,8 @@ def parser() -> Parser:
         allow_abbrev=False,
     )
     top.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
-    commands = top.add_subparsers(title="commands", dest="command", required=True)
+    top.add_argument("--completion", choices=SHELLS, help="print a script that completes these words in a shell")
+    commands = top.add_subparsers(title="commands", dest="command")
 
     one = commands.add_parser(
         "report",

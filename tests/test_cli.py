@@ -95,12 +95,26 @@ def test_a_report_of_ones_own_car(tmp_path, capsys, monkeypatch):
     assert "me &amp; &lt;mine&gt;" in page
 
 
+def test_without_a_command_it_teaches(capsys):
+    assert main([]) == 0
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in ("report", "play", "explore", "COMMAND --help"))
+
+
+def test_it_completes_in_shells(capsys, monkeypatch):
+    assert main(["--completion", "bash"]) == 0
+    assert "--speed-ratio" in capsys.readouterr().out
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    assert main(["--completion", "bash"]) == 2
+    assert "--completion needs shtab: pip install" in capsys.readouterr().err
+
+
 def mistakes(tmp_path):
     (tmp_path / "file").write_text("")
     bad = tmp_path / "bad.toml"
     bad.write_text("mas = 3")
     return [
-        ([], "the following arguments are required: command"),
+        (["--completion", "fish"], "argument --completion: invalid choice: 'fish'"),
         (["repor"], "invalid choice: 'repor'"),
         (["report", "--vehicle", "civi"], "did you mean 'civic'?"),
         (["report", "--vehicle", "civic", "--speed-ratio", "1.2"], "no critical speed; give speed in m/s"),

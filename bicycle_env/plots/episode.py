@@ -10,7 +10,7 @@ import numpy as np
 from bicycle_env.physics.validation import number, positive
 from bicycle_env.plots import style
 from bicycle_env.plots.runs import Columns, Road, columns
-from bicycle_env.plots.style import BLACK, ORANGE, PATCHES, LineStyle, dress, line_style
+from bicycle_env.plots.style import BLACK, GREY, ORANGE, PATCHES, LineStyle, dress, line_style
 
 AREA = 50.0
 """m: the edges of what is wider are not drawn."""
@@ -80,7 +80,7 @@ def episode(
             label += f": {end.replace('left_', 'left the ').replace('_', ' ')} at the cross"
         handles += _draw_run(axes, run, label, line_style(k) if styles is None else styles[k], bool(end))
     if plant is not None:
-        handles += _draw_histories(axes, plant, driven)
+        handles += _draw_histories(axes, plant, driven) + _draw_limits(axes, plant, driven)
     handles += _draw_road(axes["R"], driven, roads, edges)
     for key, label in zip("ABCD", HISTORIES.values(), strict=True):
         dress(axes[key], xlabel="time [s]" if key in "CD" else "", ylabel=label)
@@ -124,6 +124,18 @@ def _draw_histories(axes: Any, plant: Any, driven: list[Columns]) -> list[Any]:
             label = f"{history.quantity.replace('_', ' ')}: {history.label}"
             drawn = axes[key].plot(run["time"], values, color=BLACK, linewidth=1.2, linestyle=history.line, label=label)
             handles += drawn if history.label and not k else []
+    return handles
+
+
+def _draw_limits(axes: Any, plant: Any, driven: list[Columns]) -> list[Any]:
+    """How far the wheels turn, on the sides where a run comes half as far; a handle of one line."""
+    handles: list[Any] = []
+    for key, axle in zip("CD", ("front", "rear"), strict=True):
+        limit = getattr(plant, f"{axle}_actuator").angle_limit
+        for side in (1.0, -1.0):
+            if max(float(np.max(side * run[f"{axle}_steer"])) for run in driven) > 0.5 * limit:
+                line = axes[key].axhline(side * np.degrees(limit), color=GREY, linestyle=":", label="steering limit")
+                handles = [line]
     return handles
 
 

@@ -98,7 +98,9 @@ def test_states_of_an_episode_with_its_environment():
     env = gym.make("BicycleStab-v0")
     driven, ends = zip(*(drive(env, name, 3) for name in ("lqr", "zero")), strict=True)
     figure = plots.episode(*driven, labels=["LQR", "nobody"], env=env, ends=ends)
-    assert legend(figure) == ["LQR", "nobody: left the lane at the cross", "edge of the lane"]
+    assert legend(figure) == ["LQR", "nobody: left the lane at the cross", "steering limit", "edge of the lane"]
+    lines = axes_of(figure, "front steer [deg]").get_lines()
+    assert [line.get_ydata()[0] for line in lines if line.get_label() == "steering limit"] == [pytest.approx(6.0)]
     assert figure.get_suptitle() == "At 156 km/h = 1.2 x the critical speed"
     sideslip = [state.lateral_velocity / env.unwrapped.speed for state in driven[0]]
     np.testing.assert_allclose(axes_of(figure, "sideslip [deg]").get_lines()[0].get_ydata(), np.degrees(sideslip))
