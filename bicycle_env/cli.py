@@ -262,6 +262,8 @@ def run_report(chosen: argparse.Namespace) -> None:
         raise UserError("--out must name a folder, got ''")
     if chosen.out is not None:
         checked_output_folder(chosen.out)
+    elif not chosen.json:
+        tell("for a page with pictures: --out DIR; for machines: --json")
     with announcements.silenced(chosen.quiet):
         if chosen.out is not None:
             page = report.write(study, chosen.out, tell)
@@ -271,7 +273,6 @@ def run_report(chosen: argparse.Namespace) -> None:
         _write_json(report.as_json(study))
     elif page is None:
         sys.stdout.write(report.as_text(study))
-        tell("for a page with pictures: --out DIR; for machines: --json")
     if page is not None:
         (sys.stderr if chosen.json else sys.stdout).write(f"{page}\n")
 

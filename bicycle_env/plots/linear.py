@@ -47,8 +47,11 @@ def root_locus(vehicle: str | Vehicle, speed: float) -> Any:
     values = np.array([_sorted(eigenvalues(vehicle, float(u))) for u in speeds])
     here, critical = _sorted(eigenvalues(vehicle, speed)), critical_speed(vehicle)
     figure = style.new_figure(12, 5.6, "Eigenvalues of straight running")
-    axes = figure.subplot_mosaic("RL;IL", width_ratios=[1, 1.1])
-    for key, part, name in (("R", np.real, "real part [1/s]"), ("I", np.imag, "imaginary part [rad/s]")):
+    parts = {"R": (np.real, "real part [1/s]")}
+    if np.any(values.imag):  # else there is no oscillation to be shown
+        parts["I"] = (np.imag, "imaginary part [rad/s]")
+    axes = figure.subplot_mosaic("RL;IL" if "I" in parts else "RL", width_ratios=[1, 1.1])
+    for key, (part, name) in parts.items():
         for k, line in enumerate((BLUE, RED)):
             axes[key].plot(speeds, part(values[:, k]), color=line, linestyle=("-", "--")[k])
         axes[key].plot([speed, speed], part(here), **HERE)
@@ -59,7 +62,9 @@ def root_locus(vehicle: str | Vehicle, speed: float) -> Any:
         low, high = axes[key].get_ylim()
         axes[key].set_ylim(min(low, -1.0), max(high, 1.0))
     axes["R"].set_title("growth (above zero, grey: unstable) or decay")
-    axes["I"].set(xlabel="speed [m/s]", title="oscillation")
+    if "I" in parts:
+        axes["I"].set_title("oscillation")
+    axes["I" if "I" in parts else "R"].set_xlabel("speed [m/s]")
     axes["R"].axhspan(0.0, axes["R"].get_ylim()[1], color=GREY, alpha=0.25, linewidth=0)
 
     plane = axes["L"]

@@ -27,11 +27,19 @@ th, td { text-align: left; vertical-align: top; padding: .25rem .6rem .25rem 0; 
 th[scope=row] { font-weight: 400; width: 22%; } td.number { font-variant-numeric: tabular-nums; width: 24%; }
 td.equation { width: 12%; } thead th { font-size: .85rem; border-top: 0; }
 figure { margin: 1.5rem 0 2.5rem; }
+.picture { overflow-x: auto; }
 figure img { display: block; width: 100%; height: auto; background: #fff; border: 1px solid var(--line);
   border-radius: 4px; }
 figcaption { margin-top: .6rem; } figcaption strong { display: block; }
 .summary { background: var(--soft); padding: .8rem 1rem; border-left: .3rem solid var(--link); max-width: 46rem; }
 footer { margin-top: 3rem; font-size: .9rem; border-top: 1px solid var(--line); }
+@media (max-width: 44rem) {
+  .picture img { width: 56rem; max-width: none; }
+  table { min-width: 0; } thead { display: none; }
+  tr { display: block; border-top: 1px solid var(--line); padding: .4rem 0; }
+  th[scope=row], td, td.number, td.equation { display: block; width: auto; border: 0; padding: 0; }
+  th[scope=row] { font-weight: 600; } td.equation:empty { display: none; }
+}
 @media print {
   :root { --text: #000; --back: #fff; --soft: #fff; --line: #999; --link: #000; color-scheme: light; }
   body { max-width: none; font-size: 9.5pt; padding: 0; } nav { display: none; } table { min-width: 0; }
@@ -135,8 +143,8 @@ def _row(row: Quantity, with_equations: bool) -> str:
 def _figure(picture: Picture) -> str:
     content = base64.b64encode(picture.content).decode()
     return (
-        f'<figure id="{picture.anchor}"><img src="data:image/png;base64,{content}" '
-        f'alt="{_text(picture.alternative)}"><figcaption><strong>{_text(picture.title)}</strong> '
+        f'<figure id="{picture.anchor}"><div class="picture" tabindex="0"><img src="data:image/png;base64,{content}" '
+        f'alt="{_text(picture.alternative)}"></div><figcaption><strong>{_text(picture.title)}</strong> '
         f"{_text(picture.caption)}</figcaption></figure>\n"
     )
 

@@ -114,7 +114,7 @@ def _step(study: Study) -> str:
 
 
 def _phase_plane(study: Study) -> str:
-    shares = {name: f"{100 * share:.1f} %" for name, share in study.shares.items()}
+    shares = {name: f"{100 * share:.0f} %" for name, share in study.shares.items()}
     front, rear = (limit / DEGREE for limit in STEER_LIMITS)
     if any(turn.kind == "saddle" for turn in study.equilibria):
         border = (
@@ -226,7 +226,7 @@ SUBJECTS = (
         _phase_plane,
         lambda study: (
             "Sideslip against yaw rate: streamlines without steering on the left; on the right the recoverable set, "
-            f"{100 * study.shares['recoverable']:.1f} % of the box, with the outlines of what LQR and straight wheels "
+            f"{100 * study.shares['recoverable']:.0f} % of the box, with the outlines of what LQR and straight wheels "
             "save."
         ),
         _draw_phase_plane,

@@ -36,6 +36,8 @@ class Quantity(NamedTuple):
     """The same in another unit."""
     absent: str = ""
     """What an infinite or undefined value means."""
+    digits: int = 4
+    """That are known of it."""
 
     @property
     def is_absent(self) -> bool:
@@ -275,8 +277,9 @@ def _recovery(study: Study) -> tuple[Quantity, ...]:
             "",
             "",
             f"share of {box} from which SOME steering, {limits}, brings the car back within {horizon}",
-            f"{100 * shares['recoverable']:.1f} %",
+            f"{100 * shares['recoverable']:.0f} %",
             study.why_unknown or TOO_FAST,
+            digits=2,
         ),
         Quantity(
             "lqr_share",
@@ -286,8 +289,9 @@ def _recovery(study: Study) -> tuple[Quantity, ...]:
             "",
             "the same share for a clipped linear regulator of sideslip and yaw rate, in whose cost "
             f"{LQR_SIZES[0] / DEGREE:.1f} deg and {LQR_SIZES[1] / DEGREE:.0f} deg/s weigh as much as full steer",
-            f"{100 * shares['lqr']:.1f} %",
+            f"{100 * shares['lqr']:.0f} %",
             study.why_unknown or TOO_FAST,
+            digits=2,
         ),
         Quantity(
             "straight_share",
@@ -296,8 +300,9 @@ def _recovery(study: Study) -> tuple[Quantity, ...]:
             "",
             "",
             "the same share without any steering",
-            f"{100 * shares['straight']:.1f} %",
+            f"{100 * shares['straight']:.0f} %",
             study.why_unknown or TOO_FAST,
+            digits=2,
         ),
         Quantity(
             "recoverable_resolution",

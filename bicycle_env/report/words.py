@@ -61,22 +61,22 @@ def in_words(row: Quantity) -> str:
     """The value with its units; for one that is infinite or undefined, what that means."""
     if row.is_absent:
         return row.absent
-    return f"{_value(row.value)} {row.unit}".rstrip() + (f" ({row.also})" if row.also else "")
+    return f"{_value(row.value, row.digits)} {row.unit}".rstrip() + (f" ({row.also})" if row.also else "")
 
 
-def _value(value: Any) -> str:
+def _value(value: Any, digits: int) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list):
         return "; ".join(_mapping(entry) for entry in value) or "none"
     if isinstance(value, np.ndarray):
         return _complex(value)
-    return value if isinstance(value, str) else _number(value)
+    return value if isinstance(value, str) else _number(value, digits)
 
 
-def _number(value: float) -> str:
-    """Four significant digits; thousands are grouped and not written as powers of ten."""
-    return f"{value:,.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g}"
+def _number(value: float, digits: int) -> str:
+    """So many significant digits; thousands are grouped and not written as powers of ten."""
+    return f"{value:,.0f}" if 1e4 <= abs(value) < 1e7 else f"{value:.{digits}g}"
 
 
 def _mapping(entry: dict[str, Any]) -> str:
