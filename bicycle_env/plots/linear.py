@@ -47,7 +47,7 @@ def root_locus(vehicle: str | Vehicle, speed: float) -> Any:
     values = np.array([_sorted(eigenvalues(vehicle, float(u))) for u in speeds])
     here, critical = _sorted(eigenvalues(vehicle, speed)), critical_speed(vehicle)
     figure = style.new_figure(12, 5.6, "Eigenvalues of straight running")
-    parts = {"R": (np.real, "real part [1/s]")}
+    parts: dict[str, tuple[Any, str]] = {"R": (np.real, "real part [1/s]")}
     if np.any(values.imag):  # else there is no oscillation to be shown
         parts["I"] = (np.imag, "imaginary part [rad/s]")
     axes = figure.subplot_mosaic("RL;IL" if "I" in parts else "RL", width_ratios=[1, 1.1])
