@@ -100,7 +100,7 @@ def _respond(xp: Any) -> Any:
 
     def respond(vehicle: Any, speed: Any, frequency: Any) -> Any:
         bottom = linear_laws.characteristic(vehicle, speed, balance(vehicle))
-        found = []
+        found: list[Any] = []
         for axle, output in RESPONSES:
             top = linear_laws.numerator(vehicle, speed, axle == "front", output)
             found += linear_laws.frequency_response(top, bottom, frequency)

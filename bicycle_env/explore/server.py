@@ -98,7 +98,7 @@ class Handler(BaseHTTPRequestHandler):
         try:
             self._give(200, "application/json", self.server.answers.answer(question, self._is_gone))
         except SupersededError:
-            self._say(409, "a newer question came")
+            self._give(200, "application/json", b"null")  # no error: browsers would report one
         except (ValueError, TypeError) as error:
             self._say(400, str(error))
 

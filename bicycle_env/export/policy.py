@@ -333,4 +333,3 @@ for (const [k, [observation, wanted]] of vectors.entries()) {{
 console.log(`the largest difference of ${{vectors.length}} actions to Python's: ${{largest.toPrecision(2)}}`);
 process.exitCode = largest <= {TOLERANCE} ? 0 : 1;
 """
-

@@ -13,7 +13,6 @@ from bicycle_env.plots.style import speed_in_words
 from bicycle_env.report.quantities import DEGREE, Quantity
 from bicycle_env.report.study import BOX, Study
 
-
 KINDS = {"oversteer": "oversteers", "neutral": "is neutral", "understeer": "understeers"}
 _LIMIT = "it becomes unstable above {critical:.1f} m/s ({critical_kmh:.0f} km/h) and is "
 STABILITY = {

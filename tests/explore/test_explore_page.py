@@ -130,7 +130,9 @@ def test_the_runs_are_the_environments_and_the_python_runs(hash, folder, capsys)
     assert start["lateral_velocity"] == pytest.approx(math.radians(chosen["sideslip"]) * found["speed"])
     assert start["yaw_rate"] == pytest.approx(math.radians(chosen["yaw_rate"]))
     rear = {"nobody": "zero"}.get(chosen["rear"], chosen["rear"]) if chosen["steer"] == "both" else "zero"
-    wheel = [float(text) for text in re.findall(r"Steered\(\[([^]]*)", found["python"])[-1:] for text in text.split(",")]
+    wheel = [
+        float(text) for text in re.findall(r"Steered\(\[([^]]*)", found["python"])[-1:] for text in text.split(",")
+    ]
 
     def by_name(word):
         if word == "policy":

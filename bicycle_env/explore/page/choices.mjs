@@ -151,7 +151,8 @@ export function asPython(data, chosen, start, wheel = []) {
     : `bicycle_env.vehicles["${chosen.vehicle}"]`;
   const limits = "(env.unwrapped.front_actuator.angle_limit, env.unwrapped.rear_actuator.angle_limit)";
   const recoverable = chosen.recoverable === "on"
-    ? `print(analysis.recoverable_set(vehicle, speed, **road, steer="${chosen.steer}", steer_limits=${limits}, grid=(121, 121)))\n`
+    ? `limits = ${limits}\nsaved = analysis.recoverable_set(\n    vehicle, speed, **road, steer="${chosen.steer}", steer_limits=limits, grid=(121, 121)\n)\n` +
+      `print(saved.contains(env.unwrapped.speed * ${chosen.sideslip * DEGREE}, ${chosen.yaw_rate * DEGREE}))\n`
     : "";
   return `\
 ${isChanged(chosen) ? "import dataclasses\n\n" : ""}import gymnasium as gym

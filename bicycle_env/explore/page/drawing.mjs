@@ -9,8 +9,8 @@ export function blank(canvas) {
   const pen = canvas.getContext("2d");
   pen.setTransform(dense, 0, 0, dense, 0, 0);
   pen.font = FONT;
-  const style = getComputedStyle(document.documentElement);
-  return { pen, width, height, color: (name) => style.getPropertyValue(`--${name}`).trim() };
+  const style = getComputedStyle(document.documentElement), known = {};
+  return { pen, width, height, color: (name) => (known[name] ??= style.getPropertyValue(`--${name}`).trim()) };
 }
 
 const STEPS = [1, 2, 5, 10];
@@ -142,12 +142,13 @@ export function diamond(plot, x, y, name, radius) {
   pen.stroke();
 }
 
-// Cells of a grid from -x to x and -y to y, rows from the bottom, filled where a bit of their row is set.
+// Cells of a grid from -x to x and -y to y, rows in hexadecimal from the bottom, filled where a bit of their row is set.
 export function cells(plot, [x, y], nodes, rows, name) {
   const { pen } = plot, wide = (2 * x) / (nodes - 1), tall = (2 * y) / (nodes - 1);
   const height = Math.abs(plot.py(tall) - plot.py(0)) + 0.5;
   pen.fillStyle = plot.color(name);
-  rows.forEach((bits, row) => {
+  rows.forEach((digits, row) => {
+    const bits = BigInt(`0x${digits}`).toString(2).padStart(nodes, "0");
     const top = plot.py(-y + (row + 0.5) * tall);
     for (let from = bits.indexOf("1"); from >= 0; ) {
       const next = bits.indexOf("0", from), to = next < 0 ? nodes : next;

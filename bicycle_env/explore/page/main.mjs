@@ -20,11 +20,12 @@ const LARGEST = 100e6; // bytes of a policy file
 const tasks = Object.fromEntries(
   await Promise.all(data.tires.map(async (tire) => [tire, await import(`./task_${tire}.mjs`)])),
 );
+const dark = matchMedia("(prefers-color-scheme: dark)");
 const hand = new Hand(tasks[data.tires[0]].exported_rules.control_timestep);
 
 let { chosen, complaints } = fromHash(data, location.hash);
 let shown = null, flow = null, now = 0, playing = null, plane = null, file = null;
-let gains = { key: "", found: null }, asked = { portrait: null, recoverable: null }, waiting = null, timer = 0;
+let gains = { key: "", found: null }, asked = { portrait: null, recoverable: null }, waiting = null, timer = 0, later = 0;
 
 const preset = () => data.presets[chosen.vehicle];
 const driven = () => Object.entries(SIDES).map(([side, style]) => ({ ...style, ...shown[side] })).filter(({ columns }) => columns);
@@ -136,7 +137,8 @@ function askForPlane() {
         say("computing from where some steering saves the car", true);
         mine.recoverable = await ask({ ask: "recoverable", ...about, ...road, steer: chosen.steer }, signal);
       }
-      if (asked === mine) say("");
+      const whole = mine.portrait && (mine.recoverable || !wants);
+      if (asked === mine) say(whole ? "" : "Another page has asked in between: change something here to ask again.");
     } catch (error) {
       if (asked === mine) say(error.message);
     }
@@ -181,7 +183,9 @@ function showControls() {
 }
 
 function drawPlane() {
-  plane = drawPhase(at("phase"), { chosen, cars: driven(), orbits: flow?.found ?? [], asked, now });
+  const orbits = flow?.found ?? [], { width, height } = at("phase").getBoundingClientRect();
+  const key = [flow?.key, orbits.length, asked.key, !!asked.portrait, !!asked.recoverable, width, height, devicePixelRatio, dark.matches].join();
+  plane = drawPhase(at("phase"), { chosen, cars: driven(), orbits, asked, now, key });
 }
 
 function drawNow() {
@@ -194,9 +198,13 @@ function drawNow() {
   at("time_words").textContent = `${now.toFixed(2)} s`;
 }
 
+// The responses are further down: they follow when the rest is painted.
 function drawCar() {
   drawEigenvalues(at("eigenvalues"), shown.body, shown.points, shown.point);
-  at("wrong_way").textContent = drawResponses(at, shown.body, shown.point.metres_per_second, shown.linear);
+  clearTimeout(later);
+  later = setTimeout(() => {
+    at("wrong_way").textContent = drawResponses(at, shown.body, shown.point.metres_per_second, shown.linear);
+  });
 }
 
 function update(wanted = {}) {
@@ -209,9 +217,9 @@ function update(wanted = {}) {
   compute();
   showControls();
   drawCar();
+  askForPlane();
   drawNow();
   computeOrbits();
-  askForPlane();
   history.replaceState(null, "", toHash(data, chosen));
 }
 
@@ -225,7 +233,7 @@ function play() {
   if (hands.length || now >= duration() - 1e-9) now = 0;
   if (hands.length) {
     hand.reset();
-    hands.forEach(drive);
+    hands.forEach((side) => drive(side));
   }
   let before = null;
   const frame = (stamp) => {
@@ -369,7 +377,7 @@ const redraw = () => {
   drawNow();
 };
 addEventListener("resize", redraw);
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+dark.addEventListener("change", redraw);
 
 update();
 document.documentElement.dataset.ready = "yes";

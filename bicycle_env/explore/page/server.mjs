@@ -12,14 +12,14 @@ export async function ask(question, signal) {
     if (error.name === "AbortError") return null;
     throw new Error("bicycle-env explore does not answer any more: start it again, and load this page anew.");
   }
-  if (answer.status === 409) return null;
   if (!answer.ok) throw new Error((await answer.text()).trim());
-  if (known.size >= MOST) known.clear();
+  let found = null;
   try {
-    known.set(body, await answer.json());
+    found = await answer.json();
   } catch (error) {
-    if (error.name === "AbortError") return null;
-    throw error;
+    if (error.name !== "AbortError") throw error;
   }
-  return known.get(body);
+  if (known.size >= MOST) known.clear();
+  if (found !== null) known.set(body, found);
+  return found;
 }

@@ -74,7 +74,7 @@ export function started({ task, car, rules, gust }, sideslip, yawRate) {
 // An episode of the environment on its way: columns by name, a row for each control step; at its end how it ended.
 export class Run {
   constructor(world, who, sideslip, yawRate) {
-    Object.assign(this, { world, who, over: false, end: "", settledAfter: null });
+    Object.assign(this, { world, driver: who, over: false, end: "", settledAfter: null });
     Object.assign(this, started(world, sideslip, yawRate));
     this.observation = world.task.new_observation();
     this.outcome = world.task.new_outcome();
@@ -97,7 +97,7 @@ export class Run {
   step() {
     const { task, car, scale, rules } = this.world, { state, episode, own, settings, observation, outcome, action } = this;
     task.observe(observation, state, episode, own, scale, car, rules, settings);
-    [action.front, action.rear] = this.who.act(Object.values(observation)).map(Math.fround);
+    [action.front, action.rear] = this.driver.act(Object.values(observation)).map(Math.fround);
     task.step(state, episode, own, outcome, state, episode, own, action, car, rules, settings);
     this.remember();
     this.over = outcome.end !== 0 || episode.steps >= task.step_limit;

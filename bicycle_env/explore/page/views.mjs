@@ -9,11 +9,45 @@ const HISTORIES = { sideslip: "Sideslip [deg]", yaw_rate: "Yaw rate [deg/s]", fr
 const AXLES = { front: [], rear: [7, 4] }; // dashes
 const OUTPUTS = { lateral_acceleration: [1, "m/s²"], yaw_rate: [1 / DEGREE, "deg/s"] };
 const FREQUENCIES = Array.from({ length: 81 }, (_, k) => 0.05 * 200 ** (k / 80)); // Hz
-const SECONDS = 1.5; // of the step responses
+const SECONDS = 0.6; // of the step responses
+const behind = { key: null, plane: null, copy: null }; // of the phase plane, what does not move
 const degrees = (column) => column.map((value) => value / DEGREE);
 
-// `asked`: { portrait, recoverable }, null where it is not known. Gives the plot.
-export function drawPhase(canvas, { chosen, cars, orbits, asked, now }) {
+// `asked`: { portrait, recoverable }, null where it is not known; `key`: of all that does not move. Gives the plot.
+export function drawPhase(canvas, { chosen, cars, orbits, asked, now, key }) {
+  if (behind.key !== key) Object.assign(behind, { key, plane: drawBehind(canvas, orbits, asked), copy: copyOf(canvas) });
+  const { plane, copy } = behind;
+  plane.pen.save();
+  plane.pen.resetTransform();
+  plane.pen.clearRect(0, 0, copy.width, copy.height);
+  plane.pen.drawImage(copy, 0, 0);
+  plane.pen.restore();
+  plane.within(() => {
+    for (const { columns, color, dashes } of cars) {
+      const k = indexAt(columns, now);
+      curve(plane, degrees(columns.sideslip), degrees(columns.yaw_rate), color, 2.5, dashes);
+      dot(plane, columns.sideslip[k] / DEGREE, columns.yaw_rate[k] / DEGREE, color, 6);
+    }
+    for (const { sideslip, yaw_rate, kind } of asked.portrait?.equilibria ?? []) {
+      const place = [sideslip / DEGREE, yaw_rate / DEGREE];
+      if (kind === "saddle") diamond(plane, ...place, "edge", 7);
+      else dot(plane, ...place, "edge", 6, kind.startsWith("stable"));
+      write(plane, ...place, kind === "saddle" && place[1] >= 0 ? -17 : 17, kind);
+    }
+    dot(plane, chosen.sideslip, chosen.yaw_rate, "ink", 8, false);
+  });
+  return plane;
+}
+
+function copyOf(canvas) {
+  const copy = document.createElement("canvas");
+  Object.assign(copy, { width: canvas.width, height: canvas.height });
+  copy.getContext("2d").drawImage(canvas, 0, 0);
+  return copy;
+}
+
+// The axes, what can be saved, the orbits and edges.
+function drawBehind(canvas, orbits, asked) {
   const wide = (name) => [-BOX[name], BOX[name]];
   const plane = axes(canvas, wide("sideslip"), wide("yaw_rate"), {
     x: "sideslip [deg]",
@@ -39,18 +73,6 @@ export function drawPhase(canvas, { chosen, cars, orbits, asked, now }) {
     for (const edge of asked.portrait?.edges ?? []) {
       curve(plane, edge.map(([x]) => x / DEGREE), edge.map(([, y]) => y / DEGREE), "edge", 2.2, [2, 4]);
     }
-    for (const { columns, color, dashes } of cars) {
-      const k = indexAt(columns, now);
-      curve(plane, degrees(columns.sideslip), degrees(columns.yaw_rate), color, 2.5, dashes);
-      dot(plane, columns.sideslip[k] / DEGREE, columns.yaw_rate[k] / DEGREE, color, 6);
-    }
-    for (const { sideslip, yaw_rate, kind } of asked.portrait?.equilibria ?? []) {
-      const place = [sideslip / DEGREE, yaw_rate / DEGREE];
-      if (kind === "saddle") diamond(plane, ...place, "edge", 7);
-      else dot(plane, ...place, "edge", 6, kind.startsWith("stable"));
-      write(plane, ...place, place[1] >= 0 ? -17 : 17, kind);
-    }
-    dot(plane, chosen.sideslip, chosen.yaw_rate, "ink", 8, false);
   });
   return plane;
 }
