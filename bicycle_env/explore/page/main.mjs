@@ -15,6 +15,7 @@ const GRID = 9, SECONDS = 4, SLICE = 12; // of the orbits; ms in which nothing e
 const QUIET = 350; // ms without a change, after which the server is asked
 const CHOICES = ["vehicle", "tire", "left", "right", "rear", "steer"];
 const SLIDERS = ["point", "friction", "gust", ...Object.keys(PARTS)];
+const TIRES = { linear: "linear (never slides)", tanh: "tanh (smooth)", fiala: "Fiala (brush model)", magic_formula: "Magic Formula" };
 const AS_PRESET = Object.fromEntries(Object.keys(PARTS).map((part) => [part, 100]));
 const LARGEST = 100e6; // bytes of a policy file
 const tasks = Object.fromEntries(
@@ -127,7 +128,7 @@ function askForPlane() {
   }
   waiting = new AbortController();
   const { signal } = waiting;
-  say("", true);
+  say("looking for steady turns", true);
   timer = setTimeout(async () => {
     try {
       mine.portrait = await ask({ ask: "portrait", ...about, ...road }, signal);
@@ -190,7 +191,10 @@ function drawPlane() {
 
 function drawNow() {
   const { start, duration: blows } = data.gust, gust = now >= start && now < start + blows ? chosen.gust : 0;
-  const cars = Object.keys(SIDES).map((side) => ({ ...SIDES[side], ...shown[side], ending: ending(shown[side]) }));
+  const cars = Object.keys(SIDES).map((side) => ({
+    ...{ ...SIDES[side], ...shown[side], who: WHO[chosen[side]] },
+    ending: shown[side].why ? "does not drive" : ending(shown[side]),
+  }));
   road(at("road"), cars, now, data.half_width, gust);
   drawHistories(at, driven(), Math.max(duration(), 0.1), now);
   drawPlane();
@@ -239,8 +243,10 @@ function play() {
   const frame = (stamp) => {
     now += before === null ? 0 : Math.min((stamp - before) / 1000, 0.1); // a page that was hidden goes on where it was
     before = stamp;
+    const wasOver = hands.every((side) => shown[side].over);
     for (const side of hands) shown[side].until(now);
     const over = hands.every((side) => shown[side].over);
+    if (over && !wasOver) showControls();
     if (over) now = Math.min(now, duration());
     drawNow();
     if (!over || now < duration()) playing = requestAnimationFrame(frame);
@@ -292,9 +298,9 @@ async function dropped({ items }) {
 const fill = (select, words) => select.replaceChildren(...Object.entries(words).map(([value, text]) => new Option(text, value)));
 
 fill(at("vehicle"), Object.fromEntries(Object.entries(data.presets).map(([name, { critical_speed }]) => [
-  name, `${name} (${critical_speed === null ? "stable at every speed" : `unstable above ${(3.6 * critical_speed).toFixed(0)} km/h`})`,
+  name, `${name}: ${critical_speed === null ? "stable at every speed" : `unstable above ${(3.6 * critical_speed).toFixed(0)} km/h`}`,
 ])));
-fill(at("tire"), Object.fromEntries(data.tires.map((tire) => [tire, tire.replace("_", " ")])));
+fill(at("tire"), Object.fromEntries(data.tires.map((tire) => [tire, TIRES[tire] ?? tire.replaceAll("_", " ")])));
 fill(at("left"), WHO);
 fill(at("right"), OTHERS);
 fill(at("rear"), REAR);

@@ -96,7 +96,7 @@ export function drawEigenvalues(canvas, body, points, point) {
   const values = eigenvalues(straight(body, point.metres_per_second)), [[first], [second]] = values;
   const here = `${(3.6 * point.metres_per_second).toFixed(0)} km/h`;
   values.forEach(([x, y], k) => {
-    cross(plot, x, y, "a");
+    cross(plot, x, y, "ink");
     if (k === 0 || y !== 0 || plot.px(second) - plot.px(first) > 70) write(plot, x, y, y >= 0 ? -16 : 16, here);
   });
   const words = values.map(([x, y]) => x.toFixed(2) + (y ? ` ${y > 0 ? "+" : "−"} ${Math.abs(y).toFixed(2)} i` : ""));
@@ -132,7 +132,7 @@ export function drawResponses(at, body, speed, world) {
     const phase = axes(at(`phase_${output}`), range, [least, most], { x: "frequency [Hz]", title: `${title}: phase [deg]`, xTicks, yTicks: quarters(least, most) });
     const curves = Object.keys(AXLES).map((axle) => steps[axle][output].map((value) => value * factor));
     const size = 1.1 * Math.max(...curves.flat().map(Math.abs));
-    const step = axes(at(`step_${output}`), [0, SECONDS], [-size, size], { x: "time after the step [s]", title: `${title} after a step of 1 deg [${unit}]` });
+    const step = axes(at(`step_${output}`), [0, SECONDS], [-size, size], { x: "time after the step [s]", title: `${title} [${unit}], step of 1 deg` });
     if (output === "lateral_acceleration" && wrong) band(step, 0, wrong, "wrong");
     Object.entries(AXLES).forEach(([axle, dashes], k) => {
       gain.within(() => curve(gain, logarithm, gains[k], axle, 2.2, dashes));
