@@ -12,7 +12,7 @@ import pytest
 
 import bicycle_env
 from bicycle_env import analysis, control, explore
-from bicycle_env.explore.answers import configuration, lqr
+from bicycle_env.explore.answers import configuration, lqr, portrait, recoverable
 from bicycle_env.explore.content import FOLDER
 from bicycle_env.explore.server import POLICY
 from bicycle_env.export.command import Uncompiled
@@ -193,6 +193,36 @@ def test_an_address_that_is_not_understood_is_said(folder):
     assert "in 0.1 to 1.2" in found["complaints"][1]
     assert found["chosen"]["vehicle"] == "oversteer"
     assert "speed_ratio=1.25" in found["hash"]
+
+
+@needs_node
+@pytest.mark.exhaustive
+def test_the_python_has_the_phase_plane_too(folder, capsys):
+    found = in_node(
+        folder, f"#{OVERSTEER}&friction=0.8&steer=front&left=nobody&right=nobody&sideslip=6&speed_ratio=0.9"
+    )
+    names = {}
+    exec(found["python"], names)
+    car, speed = bicycle_env.vehicles["oversteer"], found["speed"]
+    turns = portrait(car, speed, "fiala", 0.8)["equilibria"]
+    known = recoverable(car, speed, "fiala", 0.8, "front", lambda _: None)
+    bits = [f"{int(row, 16):0{known['nodes']}b}" for row in known["rows"]]
+    saved = np.isfinite(names["saved"].least_time).T.astype(int).tolist()
+    assert ["".join(map(str, row)) for row in saved] == bits
+    said = capsys.readouterr().out
+    assert len(turns) == 3
+    assert said.count("kind='saddle'") == [turn["kind"] for turn in turns].count("saddle")
+    assert said.splitlines()[-1] == str(bool(names["saved"].contains(speed * math.radians(6.0), 0.0)))
+
+
+@needs_node
+def test_the_python_loads_a_policy_of_ones_own(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    bicycle_env.load_policy("BicycleStab-v0").save("policy")
+    for left in ("file", "policy"):
+        exec(in_node(folder, f"#{OVERSTEER}&left={left}&right={left}&recoverable=off")["python"], {})
+    said = capsys.readouterr().out.splitlines()
+    assert said[: len(said) // 2] == said[len(said) // 2 :]
 
 
 @needs_node
