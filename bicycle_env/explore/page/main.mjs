@@ -160,7 +160,7 @@ function showControls() {
     at(part).setAttribute("aria-valuetext", words);
   }
   at("as_preset").disabled = !isChanged(chosen);
-  at("source").textContent = isChanged(chosen) ? `Changed from the preset ${chosen.vehicle}.` : preset().source.replaceAll("`", "");
+  at("source").textContent = isChanged(chosen) ? `Changed from the preset ${chosen.vehicle}: what the list says of it holds no more.` : preset().source.replaceAll("`", "");
   at("speed_words").textContent = heading;
   at("point").setAttribute("aria-valuetext", heading);
   at("friction_words").textContent = `${chosen.friction}${chosen.friction < 0.25 ? " (ice)" : chosen.friction < 0.5 ? " (snow)" : ""}`;
