@@ -10,12 +10,13 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all lint lock stab lane-change controllers headroom mpc entry-speed alignment learning tensors results benchmark benchmark-vector compat rllib gymnasium-versions clean
+.PHONY: help demo test test-all test-browser lint lock stab lane-change controllers headroom mpc entry-speed alignment learning tensors results benchmark benchmark-vector compat rllib gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/ (pictures, one moving)"
 	@echo "make test                install what the tests need and run them: every rule and every option"
 	@echo "make test-all            the combinations of options that make test leaves out"
+	@echo "make test-browser        the explorer in a Chromium that is installed here; a part of make test-all"
 	@echo "make lint                ruff and mypy"
 	@echo "make lock                resolve locks/*.txt anew from pyproject.toml and constraints.txt"
 	@echo "make stab                learn to catch the car with ten seeds: runs/BicycleStab-v0-ppo.json"
@@ -54,6 +55,9 @@ test: $(VENV)/.installed-test
 
 test-all: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --dist worksteal -m exhaustive
+
+test-browser: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n 0 -s -rs -m exhaustive tests/explore/test_browser.py
 
 lint: $(VENV)/.installed-test
 	$(BIN)/python -m ruff format --check .

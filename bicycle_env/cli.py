@@ -373,7 +373,7 @@ def run_explore(chosen: argparse.Namespace) -> None:
     except ValueError as error:
         raise UserError(str(error)) from None
     sys.stderr.write("making the page\n")
-    with explore.Server(explore.page(), port) as server:
+    with explore.Server(explore.page(served=True), port) as server:
         sys.stdout.write(f"{server.url} until Ctrl-C\n")
         sys.stdout.flush()
         if not chosen.no_browser:

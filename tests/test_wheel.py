@@ -32,6 +32,7 @@ def test_the_wheel_installs_and_steps_elsewhere(tmp_path):
     assert wheel.stat().st_size < 2_000_000
     pages = {path.name for path in (ROOT / "bicycle_env/explore/page").iterdir()}
     assert pages == {name.split("/")[-1] for name in names if name.startswith("bicycle_env/explore/page/")}
+    assert "bicycle_env/export/network.mjs" in names
     assert "bicycle_env/control/tuned_parameters.json" in names
     shipped = {
         path.relative_to(ROOT).as_posix() for path in (ROOT / "bicycle_env/policies").rglob("*") if path.is_file()

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bicycle_env.analysis import linear_laws
 from bicycle_env.physics import linear_single_track
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.validation import checked_speed, choice, in_range, positive
@@ -62,8 +63,7 @@ def stability_criterion(vehicle: str | Vehicle, speed: float) -> float:
     """
     vehicle = resolve_vehicle(vehicle)
     speed = positive("speed", speed)
-    front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
-    return vehicle.wheelbase**2 * front * rear / speed / speed + vehicle.mass * vehicle.yaw_stiffness
+    return float(linear_laws.criterion(vehicle, speed, vehicle.yaw_stiffness))
 
 
 def is_stable(vehicle: str | Vehicle, speed: float) -> bool:
@@ -89,12 +89,7 @@ def characteristic_polynomial(vehicle: str | Vehicle, speed: float, coordinates:
     """
     choice("coordinates", coordinates, COORDINATES)
     vehicle = resolve_vehicle(vehicle)
-    criterion = stability_criterion(vehicle, speed)
-    m, inertia = vehicle.mass, vehicle.yaw_inertia
-    a, b = vehicle.cg_to_front, vehicle.cg_to_rear
-    front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
-    damping = (m * (a * a * front + b * b * rear) + inertia * (front + rear)) / speed
-    body = np.array([m * inertia, damping, criterion])
+    body = np.array(linear_laws.characteristic(vehicle, positive("speed", speed), vehicle.yaw_stiffness))
     return body if coordinates == "body" else np.append(body, [0.0, 0.0])
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bicycle_env.analysis import linear_laws
 from bicycle_env.analysis.stability import characteristic_polynomial, input_matrix, state_matrix
 from bicycle_env.installation import needs
 from bicycle_env.physics.presets import resolve_vehicle
@@ -30,19 +31,7 @@ def numerator(vehicle: str | Vehicle, speed: float, input: str, output: str) -> 
     front = choice("input", input, INPUTS) == "front_steer"
     choice("output", output, OUTPUTS)
     vehicle, speed = resolve_vehicle(vehicle), positive("speed", speed)
-    m, inertia, wheelbase = vehicle.mass, vehicle.yaw_inertia, vehicle.wheelbase
-    both = vehicle.front_cornering_stiffness * vehicle.rear_cornering_stiffness
-    # Seen from the steered axle: its stiffness, its arm, the other's arm. The rear axle turns the car the other way.
-    stiffness = vehicle.front_cornering_stiffness if front else vehicle.rear_cornering_stiffness
-    arm, other_arm = (vehicle.cg_to_front, vehicle.cg_to_rear) if front else (vehicle.cg_to_rear, vehicle.cg_to_front)
-    side = 1.0 if front else -1.0
-    if output in ("lateral_velocity", "sideslip"):
-        constant = wheelbase * other_arm * both / speed - side * m * arm * speed * stiffness
-        lateral = np.array([stiffness * inertia, constant])
-        return lateral if output == "lateral_velocity" else lateral / speed
-    if output in ("yaw_rate", "heading"):
-        return side * np.array([m * arm * stiffness, wheelbase * both / speed])
-    return np.array([stiffness * inertia, wheelbase * other_arm * both / speed, side * wheelbase * both])
+    return np.array(linear_laws.numerator(vehicle, speed, front, output))
 
 
 def transfer_function(vehicle: str | Vehicle, speed: float, input: str, output: str) -> Any:

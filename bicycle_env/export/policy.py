@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from bicycle_env.export.source import Language, lines
 
 EPISODES, CALLS = 3, 40
 """Of the test vectors."""
+NETWORK = Path(__file__).parent / "network.mjs"
+"""The class that runs a network in JavaScript, and what reads one from files; tanh is added to it."""
 TOLERANCE = 2e-5
 """Of the test: sums of single precision in another order."""
 
@@ -285,6 +288,7 @@ def _javascript(found: Layers, name: str) -> str:
     body, result = _tanh(TRACE, JAVASCRIPT)
     content = {
         "entries": len(found.names),
+        "names": list(found.names),
         "activation": found.activation,
         "output": found.output,
         "hold": found.hold,
@@ -298,7 +302,7 @@ def _javascript(found: Layers, name: str) -> str:
     head = "\n".join(f"// {line}" for line in [*_words(found), f"Check it: node {name}_test.mjs"])
     text = "\n".join(f"  {line}" for line in body)
     return (
-        f"{head}\n\n{JS_NETWORK}\nfunction tanh(x) {{\n{text}\n  return {result};\n}}\n\n"
+        f"{head}\n\n{NETWORK.read_text(encoding='utf-8')}\nfunction tanh(x) {{\n{text}\n  return {result};\n}}\n\n"
         f"export const exported = {json.dumps(content)};\n"
     )
 
@@ -328,59 +332,4 @@ for (const [k, [observation, wanted]] of vectors.entries()) {{
 }}
 console.log(`the largest difference of ${{vectors.length}} actions to Python's: ${{largest.toPrecision(2)}}`);
 process.exitCode = largest <= {TOLERANCE} ? 0 : 1;
-"""
-
-
-JS_NETWORK = """\
-const ACTIVATIONS = {
-  tanh: (x) => tanh(x),
-  relu: (x) => (x > 0 ? x : 0),
-  clip: (x) => Math.min(Math.max(x, -1), 1),
-};
-
-// A policy with its memory, one for each car: reset() when an episode starts, act(observation) in every control step.
-export class Network {
-  constructor(description) {
-    Object.assign(this, description);
-    this.reset();
-  }
-
-  reset() {
-    this.calls = 0;
-    this.seen = null;
-    this.action = null;
-  }
-
-  act(observation) {
-    if (this.calls === 0) {
-      const now = Array.from(observation);
-      const before = this.seen ?? Array(this.history).fill(now).flat();
-      this.seen = [...now, ...before].slice(0, now.length * this.history);
-      this.action = this.decided(this.seen).map(ACTIVATIONS[this.output]);
-    }
-    this.calls = (this.calls + 1) % this.hold;
-    return [...this.action];
-  }
-
-  decided(seen) {
-    const raw = this.lastLayer(seen);
-    if (this.mirror === null) return raw;
-    const other = this.lastLayer(seen.map((value, k) => value * this.mirror[k % this.entries]));
-    return raw.map((value, k) => 0.5 * (value - other[k]));
-  }
-
-  lastLayer(seen) {
-    return this.layers.reduce((given, { weight, bias }, k) => {
-      const activation = k < this.layers.length - 1 ? ACTIVATIONS[this.activation] : (x) => x;
-      const found = new Float64Array(weight.length);
-      for (let i = 0; i < weight.length; i++) {
-        const row = weight[i];
-        let sum = bias[i];
-        for (let j = 0; j < row.length; j++) sum += row[j] * given[j];
-        found[i] = activation(sum);
-      }
-      return found;
-    }, seen);
-  }
-}
 """

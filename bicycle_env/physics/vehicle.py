@@ -6,12 +6,13 @@ import dataclasses
 import math
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from bicycle_env.files import naming, shown
 from bicycle_env.physics.car_files import read_fields
+from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.tire_files import TireFile
 from bicycle_env.physics.validation import explain_keywords, from_fields, in_range
 
@@ -199,17 +200,40 @@ class Vehicle:
 
         The one place that decides between the three: it is 0 for moments that are equal up to rounding (``NEUTRAL``).
         """
-        front = self.cg_to_front * self.front_cornering_stiffness
-        rear = self.cg_to_rear * self.rear_cornering_stiffness
-        return 0.0 if abs(rear - front) <= NEUTRAL * max(front, rear) else rear - front
+        return float(_yaw_stiffness(self))
 
     @property
     def critical_speed(self) -> float:
         """U_crit of (6.17), m/s: an oversteering car is unstable above it; infinite when there is none."""
-        if self.yaw_stiffness >= 0.0:
-            return math.inf
-        stiffness = self.front_cornering_stiffness * self.rear_cornering_stiffness
-        return self.wheelbase * math.sqrt(stiffness / (self.mass * -self.yaw_stiffness))
+        return float(_critical_speed(self))
+
+
+def yaw_stiffness(xp: Any) -> Callable[[Any], Any]:
+    """The law ``(vehicle) -> N m/rad`` of :attr:`Vehicle.yaw_stiffness`."""
+
+    def yaw_stiffness(vehicle: Any) -> Any:
+        front = vehicle.cg_to_front * vehicle.front_cornering_stiffness
+        rear = vehicle.cg_to_rear * vehicle.rear_cornering_stiffness
+        return xp.where(abs(rear - front) <= NEUTRAL * xp.maximum(front, rear), 0.0, rear - front)
+
+    return yaw_stiffness
+
+
+def critical_speed(xp: Any) -> Callable[[Any], Any]:
+    """The law ``(vehicle) -> m/s`` of :attr:`Vehicle.critical_speed`."""
+    balance = yaw_stiffness(xp)
+
+    def critical_speed(vehicle: Any) -> Any:
+        moment = balance(vehicle)
+        oversteers = moment < 0.0
+        stiffness = vehicle.front_cornering_stiffness * vehicle.rear_cornering_stiffness
+        squared = stiffness / (vehicle.mass * xp.where(oversteers, -moment, 1.0))
+        return xp.where(oversteers, vehicle.wheelbase * xp.sqrt(squared), math.inf)
+
+    return critical_speed
+
+
+_yaw_stiffness, _critical_speed = yaw_stiffness(PYTHON), critical_speed(PYTHON)
 
 
 def _printable(label: str) -> str:

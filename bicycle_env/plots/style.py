@@ -96,9 +96,12 @@ def save(figure: Any, path: str | Path, dots_per_inch: float = DOTS_PER_INCH) ->
     write_bytes(path, png(figure, dots_per_inch))
 
 
+SPEED, SPEED_RATIO = "{kmh:.0f} km/h", " = {ratio:.3g} x the critical speed"
+
+
 def speed_in_words(vehicle: Vehicle, speed: float) -> str:
     """``"156 km/h = 1.2 x the critical speed"``; without the second half for a car that has none."""
-    words = f"{3.6 * speed:.0f} km/h"
+    words = SPEED.format(kmh=3.6 * speed)
     if math.isinf(vehicle.critical_speed):
         return words
-    return f"{words} = {speed / vehicle.critical_speed:.3g} x the critical speed"
+    return words + SPEED_RATIO.format(ratio=speed / vehicle.critical_speed)

@@ -13,6 +13,17 @@ from bicycle_env.plots.style import speed_in_words
 from bicycle_env.report.quantities import DEGREE, Quantity
 from bicycle_env.report.study import BOX, Study
 
+KINDS = {"oversteer": "oversteers", "neutral": "is neutral", "understeer": "understeers"}
+_LIMIT = "it becomes unstable above {critical:.1f} m/s ({critical_kmh:.0f} km/h) and is "
+STABILITY = {
+    "always": "it is stable at every speed",
+    "stable": f"{_LIMIT}stable here",
+    "limit": f"{_LIMIT}just at this limit here",
+    "unstable": "above {critical:.1f} m/s ({critical_kmh:.0f} km/h) it is unstable: here a deviation doubles in "
+    "{doubling:.2f} s unless somebody steers",
+}
+"""What is said of straight running; speeds in m/s and km/h, times in s."""
+
 
 def title(study: Study) -> str:
     """The report's heading."""
@@ -40,21 +51,15 @@ def summary(study: Study) -> str:
 
 def stability_in_words(car: Vehicle, speed: float) -> str:
     """How a car steers, and whether it is stable at a speed [m/s], in a sentence."""
-    kind = {"oversteer": "oversteers", "neutral": "is neutral", "understeer": "understeers"}[
-        analysis.classification(car)
-    ]
     critical, doubling = car.critical_speed, analysis.modes(car, speed).time_to_double
     if math.isinf(critical):
-        stability = "it is stable at every speed"
+        word = "always"
     elif math.isinf(doubling):
-        here = "is stable here" if analysis.is_stable(car, speed) else "is just at this limit here"
-        stability = f"it becomes unstable above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) and {here}"
+        word = "stable" if analysis.is_stable(car, speed) else "limit"
     else:
-        stability = (
-            f"above {critical:.1f} m/s ({3.6 * critical:.0f} km/h) it is unstable: here a deviation doubles in "
-            f"{doubling:.2f} s unless somebody steers"
-        )
-    return f"This car {kind}; {stability}."
+        word = "unstable"
+    stability = STABILITY[word].format(critical=critical, critical_kmh=3.6 * critical, doubling=doubling)
+    return f"This car {KINDS[analysis.classification(car)]}; {stability}."
 
 
 def in_words(row: Quantity) -> str:

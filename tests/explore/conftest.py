@@ -9,7 +9,7 @@ PRESETS = ("oversteer", "civic")
 
 @pytest.fixture(scope="session")
 def files():
-    return page(PRESETS)
+    return page(PRESETS, served=True)
 
 
 @pytest.fixture(scope="session")

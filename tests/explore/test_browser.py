@@ -1,127 +1,259 @@
-"""The page in a browser without a window: loads, is steered by hand, plays, says no error, asks no other host."""
+"""The page in a browser without a window, driven by Playwright: `make test-browser`."""
 
+import contextlib
+import dataclasses
 import json
 import re
 import shutil
-import subprocess
+import statistics
+import sys
 import threading
 
 import pytest
 
-from bicycle_env import analysis
+from bicycle_env import analysis, load_policy, vehicles
 from bicycle_env.explore import Server
+from bicycle_env.explore.content import data
+from bicycle_env.export import export_policy
+from bicycle_env.report.words import stability_in_words
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = [
     pytest.mark.exhaustive,
     pytest.mark.skipif(BROWSER is None, reason="no Chromium here"),
 ]
+FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")
+PAINTED = """async (values) => {
+  const slider = document.getElementById("point"), found = [];
+  for (const value of values) {
+    const begun = performance.now();
+    slider.value = value;
+    slider.dispatchEvent(new Event("input", { bubbles: true }));
+    await new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve)));
+    found.push(performance.now() - begun);
+  }
+  return found;
+}"""
+INK = "(id) => document.getElementById(id).toDataURL()"
+SMALL = """() => [...document.querySelectorAll("button, select, input:not([type=checkbox])")]
+  .filter((one) => one.offsetWidth && one.offsetHeight < 30).map(({ id }) => id)"""
+DROP = """(files) => {
+  const dataTransfer = new DataTransfer();
+  for (const [name, bytes] of files) dataTransfer.items.add(new File([new Uint8Array(bytes)], name));
+  document.body.dispatchEvent(new DragEvent("drop", { dataTransfer, bubbles: true, cancelable: true }));
+}"""
 
-DRIVE = """
-const at = (id) => document.getElementById(id), said = {}, errors = [];
-addEventListener("error", (event) => errors.push(event.message));
-addEventListener("unhandledrejection", (event) => errors.push(String(event.reason)));
-const wait = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
-const change = (id, value, kind) => {
-  at(id).value = value;
-  at(id).dispatchEvent(new Event(kind, { bubbles: true }));
-};
-const ink = (id) => {
-  const { width, height } = at(id);
-  return at(id).getContext("2d").getImageData(0, 0, width, height).data.reduce((sum, value) => sum + value, 0);
-};
-const drive = async () => {
-  while (document.documentElement.dataset.ready !== "yes") await wait(20);
-  said.first = at("sentence").textContent;
-  change("point", 24, "input");
-  said.fast = at("sentence").textContent;
-  change("left", "policy", "change");
-  const { x, y, width, height } = at("phase").getBoundingClientRect(), before = ink("phase");
-  at("phase").dispatchEvent(new MouseEvent("click", { clientX: x + 0.7 * width, clientY: y + 0.3 * height }));
-  said.clicked = [at("sideslip").value, at("yaw_rate").value].map(Number);
-  said.moved = ink("phase") !== before;
-  at("phase").dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" }));
-  said.keyed = Number(at("sideslip").value);
-  change("sideslip", "99", "input");
-  said.complaint = at("complaint").hidden ? "" : at("complaint").textContent;
-  at("sideslip").dispatchEvent(new Event("blur"));
-  const road = ink("road");
-  at("play").click();
-  await wait(1500);
-  said.played = [Number(at("time").value), ink("road") !== road, at("play").textContent];
-  at("play").click();
-  said.hash = location.hash;
-  location.hash = "#vehicle=civic&speed=40&left=nobody&right=nobody&sideslip=2";
-  await wait(300);
-  said.other = [at("sentence").textContent, at("vehicle").value, at("here").textContent];
-  said.endings = [at("ending_left").textContent, at("ending_right").textContent];
-  said.wide = document.documentElement.scrollWidth;
-  said.hosts = [...new Set(performance.getEntriesByType("resource").map(({ name }) => new URL(name).origin))];
-};
-drive().catch((error) => errors.push(String(error))).finally(() => {
-  document.body.dataset.said = JSON.stringify({ ...said, errors });
-});
-"""
+
+@contextlib.contextmanager
+def served(files):
+    with Server(files, 0) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.shutdown()
+            thread.join()
 
 
 @pytest.fixture(scope="module")
-def found(files, tmp_path_factory):
-    page = files["index.html"].replace(b"</head>", b'<script type="module" src="drive.mjs"></script></head>')
-    with Server({**files, "driven.html": page, "drive.mjs": DRIVE.encode()}, 0) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.02,))
-        thread.start()
-        folder = tmp_path_factory.mktemp("browser")
-        flags = ("--headless", "--no-sandbox", "--disable-gpu", "--window-size=500,900", "--enable-logging=stderr")
-        flags = (*flags, "--virtual-time-budget=20000")
-        done = subprocess.run(
-            [BROWSER, *flags, f"--user-data-dir={folder}", "--dump-dom", f"{server.url}driven.html#sideslip=3"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        server.shutdown()
-        thread.join()
-    said = re.search(r'data-said="([^"]*)"', done.stdout)
-    assert said, done.stderr[-2000:]
-    consoled = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "/drive.mjs" not in line]
-    return {**json.loads(said[1].replace("&quot;", '"')), "console": consoled, "origin": server.url.rstrip("/")}
+def server(files):
+    with served(files) as made:
+        yield made
 
 
-def test_no_error_and_no_other_host(found):
-    assert (found["errors"], found["console"]) == ([], [])
-    assert found["hosts"] == [found["origin"]]
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as driver:
+        made = driver.chromium.launch(executable_path=BROWSER, args=list(FLAGS))
+        yield made
+        made.close()
 
 
-def test_the_sentence_is_analysis_and_follows_the_slider(found):
-    for words, ratio in (("first", 1.2), ("fast", 1.5)):
-        doubling = analysis.modes("oversteer", ratio * analysis.critical_speed("oversteer")).time_to_double
-        assert f"doubles in {doubling:.2f} s" in found[words]
+@pytest.fixture
+def visit(server, browser):
+    """``visit(hash, ...)``: a page that is ready; in the end none of them has said an error or asked another host."""
+    contexts, said, asked, own = [], [], set(), {"data:"}
+
+    def visit(hash="", width=1440, height=900, url=server.url, **words):
+        context = browser.new_context(viewport={"width": width, "height": height}, **words)
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(60_000)
+        page.on("console", lambda message: said.append(message.text))
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.on("request", lambda request: asked.add(re.match(r"\w+:(//[^/]*/)?", request.url)[0]))
+        page.goto(f"{url}#{hash}")
+        page.wait_for_selector("html[data-ready]")
+        own.add(url)
+        return page
+
+    yield visit
+    for context in contexts:
+        context.close()
+    assert said == []
+    assert asked <= own
 
 
-def test_a_click_or_a_key_is_a_start_and_a_bad_number_a_sentence(found):
-    sideslip, yaw_rate = found["clicked"]
+def slide(page, name, value):
+    page.locator(f"#{name}").evaluate(
+        "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input', { bubbles: true })); }",
+        value,
+    )
+
+
+def arrived(page):
+    page.wait_for_selector("#spinner", state="hidden")
+
+
+def test_the_sentence_is_analysis_and_follows_the_sliders(visit, capsys):
+    page, car = visit("vehicle=oversteer"), vehicles["oversteer"]
+    for k in (0, 14, 20, 30):
+        slide(page, "point", k)
+        ratio = round(0.05 * (k + 6), 2)
+        assert page.inner_text("#sentence") == stability_in_words(car, ratio * car.critical_speed)
+    slide(page, "rear_cornering_stiffness", 130)
+    changed = dataclasses.replace(car, rear_cornering_stiffness=117000.0)
+    assert page.inner_text("#sentence") == stability_in_words(changed, 60.0)
+    assert "rear_cornering_stiffness=117000.0" in page.inner_text("#python")
+    took = page.evaluate(PAINTED, [20, 40, 60, 80, 100, 30, 50, 70, 90, 110, 25, 45, 65, 85, 105])
+    with capsys.disabled():
+        sys.stdout.write(f" (slider to painted: {statistics.median(took):.0f} ms in the median) ")
+    page.locator("#change summary").click()
+    page.click("#as_preset")
+    assert "rear_cornering" not in page.evaluate("location.hash")
+
+
+def test_a_click_or_a_key_is_a_start_and_a_bad_number_a_sentence(visit):
+    page = visit("sideslip=3")
+    canvas = page.locator("#phase")
+    size, before = canvas.bounding_box(), page.evaluate(INK, "phase")
+    canvas.click(position={"x": 0.7 * size["width"], "y": 0.3 * size["height"]})
+    sideslip, yaw_rate = (float(page.input_value(f"#{name}")) for name in ("sideslip", "yaw_rate"))
     assert 8.0 < sideslip < 20.0
     assert 15.0 < yaw_rate < 40.0
-    assert found["moved"]
-    assert found["keyed"] == pytest.approx(sideslip - 1.0)
-    assert found["complaint"] == "The start's sideslip [deg] must be a number in -25 to 25."
+    assert page.evaluate(INK, "phase") != before
+    canvas.press("ArrowLeft")
+    canvas.press("ArrowUp")
+    assert float(page.input_value("#sideslip")) == pytest.approx(sideslip - 1.0)
+    assert float(page.input_value("#yaw_rate")) == pytest.approx(yaw_rate + 2.0)
+    page.fill("#sideslip", "99")
+    assert page.inner_text("#complaint") == "The start's sideslip [deg] must be a number in -25 to 25."
 
 
-def test_it_plays(found):
-    time, moved, word = found["played"]
-    assert 0.1 < time <= 8.0  # the browser's time is not the clock's
-    assert moved
-    assert word == ("Pause" if time < 8.0 else "Play")
+def test_steady_turns_the_set_and_gains_come_from_the_server(visit):
+    page = visit("vehicle=oversteer&recoverable=off&left=nobody&right=lqr&speed_ratio=0.8")
+    arrived(page)
+    alone = page.evaluate(INK, "phase")
+    page.check("#recoverable")
+    arrived(page)
+    assert page.inner_text("#asked") == ""
+    assert page.evaluate(INK, "phase") != alone
+    slide(page, "mass", 120)
+    page.locator("#ending_right", has_text="LQR, a classical law: runs straight").wait_for()
+    arrived(page)
+    page.select_option("#steer", "front")
+    page.locator("#ending_right", has_text=re.compile("after|from")).wait_for()
+    arrived(page)
+    slide(page, "friction", 0.4)
+    slide(page, "friction", 0.6)  # before the answer to the former is there
+    arrived(page)
+    assert page.inner_text("#asked") == ""
 
 
-def test_the_address_bar_holds_what_is_chosen(found):
-    assert "left=policy" in found["hash"]
-    assert "speed_ratio=1.5" in found["hash"]
-    sentence, vehicle, here = found["other"]
-    assert (vehicle, here) == ("civic", "144 km/h.")
-    assert "stable at every speed" in sentence
-    assert all("nobody" in ending for ending in found["endings"])
+def test_it_plays_by_keyboard_alone_and_is_steered_by_hand(visit):
+    page = visit("vehicle=oversteer&left=nobody&right=lqr&sideslip=1&speed_ratio=0.5")
+    page.focus("#left")
+    page.keyboard.type("you")
+    assert page.input_value("#left") == "you"
+    road = page.evaluate(INK, "road")
+    page.focus("#play")
+    page.keyboard.press("Enter")
+    page.keyboard.down("ArrowLeft")
+    page.locator("#time_words", has_text=re.compile(r"^(0\.[5-9]|[1-9])")).wait_for()
+    assert page.inner_text("#play") == "Pause"
+    page.keyboard.up("ArrowLeft")
+    page.locator("#ending_left", has_text=re.compile("left its lane after|spun after")).wait_for()
+    assert page.evaluate(INK, "road") != road
+    python = page.inner_text("#python")
+    wheel = [float(text) for text in re.search(r"Steered\(\[(.*?)\]", python)[1].split(",")]
+    assert len(wheel) > 10
+    assert max(wheel) > 0.3
+    assert min(wheel) >= 0.0
+    if page.inner_text("#play") == "Pause":
+        page.click("#play")
+    time = float(page.input_value("#time"))
+    page.focus("#time")
+    page.keyboard.press("ArrowLeft")
+    assert float(page.input_value("#time")) < time
 
 
-def test_nothing_is_wider_than_the_window(found):
-    assert found["wide"] <= 500
+def of(folder, *names):
+    return [[name, list((folder / name).read_bytes())] for name in names]
+
+
+def test_policies_that_are_dragged_in(visit, tmp_path):
+    network = load_policy("BicycleStab-v0")
+    network.save(tmp_path)
+    export_policy(network, "js", tmp_path)
+    page = visit("vehicle=oversteer&left=policy&right=nobody")
+    page.evaluate(DROP, of(tmp_path, "policy.json", "policy.safetensors"))
+    page.locator("#ending_right", has_text="your policy (policy.json)").wait_for()
+    ending = [page.inner_text(f"#ending_{side}").partition(": ")[2] for side in ("left", "right")]
+    assert ending[0] == ending[1]
+    assert 'control.load("policy")' in page.inner_text("#python")
+    page.evaluate(DROP, of(tmp_path, "policy.json"))
+    page.locator("#complaint", has_text="policy.json is half of a policy").wait_for()
+    (tmp_path / "policy.safetensors").write_bytes(b"<b>broken</b>")
+    page.set_input_files("#files", [tmp_path / "policy.json", tmp_path / "policy.safetensors"])
+    page.locator("#complaint", has_text="policy.safetensors does not belong to this policy.json").wait_for()
+    assert page.inner_text("#ending_right").endswith(ending[0])  # what was good still drives
+    page.set_input_files("#files", [tmp_path / "bicycle_policy.mjs"])
+    page.locator("#ending_right", has_text="your policy (bicycle_policy.mjs)").wait_for()
+    assert page.inner_text("#ending_right").endswith(ending[0])
+    assert page.locator("#complaint").is_hidden()
+    page.select_option("#steer", "front")
+    assert "steers both axles" in page.inner_text("#ending_right")
+
+
+def test_the_address_bar_holds_what_is_chosen(visit):
+    page = visit("vehicle=civic&speed=40&left=nobody&right=nobody&sideslip=2")
+    assert page.inner_text("#here") == "144 km/h."
+    assert page.inner_text("#sentence") == stability_in_words(vehicles["civic"], 40.0)
+    page.select_option("#left", "policy")
+    slide(page, "gust", -1500)
+    slide(page, "mass", 110)
+    page.select_option("#steer", "both")
+    hash = page.evaluate("location.hash")
+    again = visit(hash.removeprefix("#"))
+    assert again.evaluate("location.hash") == hash
+    assert again.inner_text("#python") == page.inner_text("#python")
+    assert again.locator("#complaint").is_hidden()
+    again.evaluate("() => { location.hash = '#vehicle=oversteer&left=lqr&speed_ratio=1.5&right=nobody'; }")
+    again.locator("#here", has_text="1.5 x").wait_for()
+    doubling = analysis.modes("oversteer", 1.5 * analysis.critical_speed("oversteer")).time_to_double
+    assert f"doubles in {doubling:.2f} s" in again.inner_text("#sentence")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_is_wider_than_a_telephone(visit, scheme):
+    page = visit("left=you&mass=110&right=file", width=390, height=844, color_scheme=scheme)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.evaluate(SMALL) == []
+
+
+def test_without_a_server_what_it_would_say_is_a_sentence(files, visit):
+    content = f"export const data = {json.dumps(data(('oversteer',), served=False))};\n"
+    with served({**files, "data.mjs": content.encode()}) as static:
+        page = visit("vehicle=oversteer&steer=both", url=static.url)
+        assert page.inner_text("#asked") == ""
+        with_set = page.evaluate(INK, "phase")
+        page.uncheck("#recoverable")
+        assert page.evaluate(INK, "phase") != with_set
+        page.check("#recoverable")
+        slide(page, "friction", 0.5)
+        assert "start “bicycle-env explore” on your machine" in page.inner_text("#asked")
+        assert page.is_disabled("#recoverable")
+        slide(page, "mass", 110)
+        assert "LQR for a changed car is designed by Python" in page.inner_text("#ending_right")

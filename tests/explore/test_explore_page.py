@@ -1,19 +1,21 @@
 """The page: its figures are those of analysis and control, its runs those of the environment, its Python runs."""
 
+import dataclasses
 import json
 import math
 import re
 import shutil
 import subprocess
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 import bicycle_env
 from bicycle_env import analysis, control, explore
+from bicycle_env.explore.answers import configuration, lqr, portrait, recoverable
 from bicycle_env.explore.content import FOLDER
 from bicycle_env.explore.server import POLICY
+from bicycle_env.export.command import Uncompiled
 from bicycle_env.files import FileError
 
 NODE = shutil.which("node")
@@ -24,30 +26,23 @@ def data_of(files):
     return json.loads(files["data.mjs"].decode().removeprefix("export const data = ").rstrip(";\n"))
 
 
-def test_the_figures_are_analysis(files):
+def test_the_speeds_are_those_of_the_environments(files):
     presets = data_of(files)["presets"]
     assert list(presets) == ["oversteer", "civic"]
     for name, preset in presets.items():
         critical = analysis.critical_speed(name)
         assert preset["critical_speed"] == (None if math.isinf(critical) else critical)
         for point in preset["points"]:
-            speed = point["metres_per_second"]
-            assert speed == point.get("speed", point.get("speed_ratio", 0.0) * critical)
-            found = np.array([complex(*pair) for pair in point["eigenvalues"]])
-            wanted = np.sort_complex(analysis.eigenvalues(name, speed))
-            np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-12)
-            sentence, doubling = point["sentence"], analysis.modes(name, speed).time_to_double
-            assert analysis.classification(name) in sentence
-            assert (f"doubles in {doubling:.2f} s" in sentence) == math.isfinite(doubling)
-            assert ("is stable" in sentence) == analysis.is_stable(name, speed)
-            assert point["heading"].startswith(f"{3.6 * speed:.0f} km/h")
+            assert point["metres_per_second"] == point.get("speed", point.get("speed_ratio", 0.0) * critical)
 
 
 @pytest.mark.parametrize(("name", "k"), [("oversteer", 18), ("civic", 7)])
 def test_the_gains_are_those_of_the_controller(name, k, files):
     point = data_of(files)["presets"][name]["points"][k]
-    env = gym.make("BicycleStab-v0", vehicle=name, speed=point["metres_per_second"]).unwrapped
-    np.testing.assert_allclose(np.array(point["lqr"]).T, control.make("lqr", env).matrix, rtol=1e-12, atol=1e-12)
+    for steer, gains in point["lqr"].items():
+        plant = Uncompiled(configuration(vehicle=name, speed=point["metres_per_second"], steer=steer))
+        np.testing.assert_allclose(np.array(gains).T, control.make("lqr", plant).matrix, rtol=1e-9, atol=1e-12)
+    assert "both" in point["lqr"]
 
 
 def test_the_page_asks_no_other_host_and_finds_its_parts():
@@ -55,67 +50,100 @@ def test_the_page_asks_no_other_host_and_finds_its_parts():
     assert not re.findall(r"https?:|//\w+\.\w+", "".join(texts.values()))
     assert f'content="{POLICY}"' in texts["index.html"]
     ids = set(re.findall(r' id="(\w+)"', texts["index.html"]))
-    wanted = set(re.findall(r'\bat\("(\w+)"\)', texts["main.mjs"]))
-    assert len(wanted) > 15
+    wanted = set(re.findall(r'\bat\("(\w+)"\)', texts["main.mjs"] + texts["views.mjs"]))
+    assert len(wanted) > 25
     assert wanted <= ids
-    assert not re.findall(r"Math\.(sin|tan|cos|atan)\(", texts["simulation.mjs"]), "a law beside the traced ones"
+    laws = "".join(texts[name] for name in ("simulation.mjs", "car.mjs", "hand.mjs"))
+    assert not re.findall(r"Math\.(sin|tan|cos|atan|exp|log|sqrt)\(", laws), "a law beside the traced ones"
 
 
 SCRIPT = """
 import { asPython, fromHash, toHash, ending, DEGREE } from "./choices.mjs";
+import { bodyOf, pointsOf, speedInWords, stabilityInWords, straight } from "./car.mjs";
 import { data } from "./data.mjs";
+import { Hand } from "./hand.mjs";
 import { driver, grid, orbit, placed, run, started } from "./simulation.mjs";
 import * as fs from "node:fs";
-const { hash, stable } = JSON.parse(fs.readFileSync("given.json"));
+const { hash, stable, gains } = JSON.parse(fs.readFileSync("given.json"));
 const { chosen, complaints } = fromHash(data, hash);
 const task = await import(`./task_${chosen.tire}.mjs`);
-const preset = data.presets[chosen.vehicle], point = preset.points[chosen.point];
-const world = placed(task, preset, point, chosen.friction);
+const body = bodyOf(data, chosen), point = pointsOf(data, chosen)[chosen.point], speed = point.metres_per_second;
+const world = placed(task, body, speed, chosen), found = straight(body, speed);
 const start = [chosen.sideslip * DEGREE, chosen.yaw_rate * DEGREE];
-const runs = [chosen.left, chosen.right].map((word) => run(world, driver(word, point), ...start));
+const hand = new Hand(world.rules.control_timestep);
+hand.press("ArrowLeft", true);
+const setting = { ...chosen, hand, gains: point.lqr?.[chosen.steer] ?? gains, names: data.observation_names };
+const runs = [chosen.left, chosen.right].map((word) => {
+  const who = driver(word, setting);
+  return who.why ? { why: who.why } : run(world, who, ...start);
+});
 const box = { sideslip: 0.5, yawRate: 1.2 };
 console.log(JSON.stringify({
-  chosen, complaints, runs, endings: runs.map(ending), hash: toHash(data, chosen), speed: point.metres_per_second,
-  python: asPython(data, chosen, started(world, ...start).state),
+  chosen, complaints, endings: runs.map(ending), hash: toHash(data, chosen), speed,
+  runs: runs.map(({ why, columns, end, settledAfter }) => ({ why, columns, end, settledAfter })),
+  python: asPython(data, chosen, started(world, ...start).state, hand.steered),
   orbits: grid(box, 3).map((start) => orbit(world, stable, box, ...start, 1)),
 }));
 """
 
 
-def in_node(folder, hash, stable=False):
+def in_node(folder, hash, stable=False, gains=None):
     (folder / "script.mjs").write_text(SCRIPT)
-    (folder / "given.json").write_text(json.dumps({"hash": hash, "stable": stable}))
+    (folder / "given.json").write_text(json.dumps({"hash": hash, "stable": stable, "gains": gains}))
     done = subprocess.run([NODE, "script.mjs"], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
+OVERSTEER = "vehicle=oversteer&tire=fiala"
 HASHES = (
-    "vehicle=oversteer&tire=fiala&friction=0.9&left=lqr&right=policy&sideslip=8&yaw_rate=20&speed_ratio=1.2",
-    "vehicle=civic&tire=linear&friction=1&left=nobody&right=lqr&sideslip=-3&yaw_rate=0&speed=40",
+    f"{OVERSTEER}&friction=0.9&left=lqr&right=policy&sideslip=8&yaw_rate=20&recoverable=off&speed_ratio=1.2",
+    "vehicle=civic&tire=linear&friction=1&left=nobody&right=lqr&sideslip=-3&yaw_rate=0&recoverable=off&speed=40",
+    f"{OVERSTEER}&friction=1&gust=-2000&left=you&right=policy&rear=policy&sideslip=1&yaw_rate=0&recoverable=off&speed_ratio=1.2",
+)
+CHANGED = (
+    "vehicle=oversteer&mass=120&cg_to_front=95&rear_cornering_stiffness=90&tire=tanh&friction=0.8&steer=front&gust=1500"
+    "&left=you&right=lqr&sideslip=2&yaw_rate=-5&recoverable=off&speed=38.5"
 )
 
 
+def parts_of(hash):
+    return dict(pair.split("=") for pair in hash.split("&"))
+
+
 @needs_node
-@pytest.mark.parametrize("hash", HASHES)
+@pytest.mark.parametrize("hash", [*HASHES, pytest.param(CHANGED, marks=pytest.mark.exhaustive)])
 def test_the_runs_are_the_environments_and_the_python_runs(hash, folder, capsys):
     """To rounding: the environment's multiply-add rounds once, and a network sums in single precision."""
-    found = in_node(folder, f"#{hash}")
+    gains = None
+    if hash == CHANGED:
+        changes = {"mass": 1800.0, "cg_to_front": 1.33, "rear_cornering_stiffness": 81000.0}
+        gains = lqr(dataclasses.replace(bicycle_env.vehicles["oversteer"], **changes), 38.5, "front")
+    found = in_node(folder, f"#{hash}", gains=gains)
     assert found["complaints"] == []
-    assert found["hash"] == f"#{hash}"
+    assert parts_of(found["hash"].removeprefix("#")) == parts_of(hash)
     chosen, names = found["chosen"], {}
     exec(found["python"], names)
     env, start = names["env"], names["start"]
-    said = capsys.readouterr().out.splitlines()[1:]
+    said = capsys.readouterr().out.splitlines()
     assert env.unwrapped.speed == pytest.approx(found["speed"], rel=1e-15)
     assert start["lateral_velocity"] == pytest.approx(math.radians(chosen["sideslip"]) * found["speed"])
     assert start["yaw_rate"] == pytest.approx(math.radians(chosen["yaw_rate"]))
+    rear = {"nobody": "zero"}.get(chosen["rear"], chosen["rear"]) if chosen["steer"] == "both" else "zero"
+    wheel = [
+        float(text) for text in re.findall(r"Steered\(\[([^]]*)", found["python"])[-1:] for text in text.split(",")
+    ]
+
+    def by_name(word):
+        if word == "policy":
+            return bicycle_env.load_policy("BicycleStab-v0")
+        return control.make({"nobody": "zero"}.get(word, word), env.unwrapped)
+
     drivers = {
-        "nobody": control.make("zero", env.unwrapped),
-        "lqr": control.make("lqr", env.unwrapped),
-        "policy": bicycle_env.load_policy("BicycleStab-v0"),
+        word: names["Steered"](wheel, by_name(rear)) if word == "you" else by_name(word)
+        for word in (chosen["left"], chosen["right"])
     }
-    for side, result, ending, line in zip(("left", "right"), found["runs"], found["endings"], said, strict=True):
+    for side, result, ending, line in zip(("left", "right"), found["runs"], found["endings"], said, strict=False):
         driver, columns = drivers[chosen[side]], result["columns"]
         driver.reset()
         observation, _ = env.reset(options={"state": start})
@@ -133,6 +161,9 @@ def test_the_runs_are_the_environments_and_the_python_runs(hash, folder, capsys)
         assert f" {env.unwrapped.state.time if info['end'] else result['settledAfter'] or 8.0:.2f} s" in ending
         assert (result["settledAfter"] is not None) == info["is_success"]
         assert str(env.unwrapped.state.time) in line
+    if "you" in drivers:
+        assert len(wheel) == len(found["runs"][0]["columns"]["time"]) - 1
+        assert max(wheel) > 0.0
 
 
 @needs_node
@@ -162,6 +193,52 @@ def test_an_address_that_is_not_understood_is_said(folder):
     assert "in 0.1 to 1.2" in found["complaints"][1]
     assert found["chosen"]["vehicle"] == "oversteer"
     assert "speed_ratio=1.25" in found["hash"]
+
+
+@needs_node
+@pytest.mark.exhaustive
+def test_the_python_has_the_phase_plane_too(folder, capsys):
+    found = in_node(
+        folder, f"#{OVERSTEER}&friction=0.8&steer=front&left=nobody&right=nobody&sideslip=6&speed_ratio=0.9"
+    )
+    names = {}
+    exec(found["python"], names)
+    car, speed = bicycle_env.vehicles["oversteer"], found["speed"]
+    turns = portrait(car, speed, "fiala", 0.8)["equilibria"]
+    known = recoverable(car, speed, "fiala", 0.8, "front", lambda _: None)
+    bits = [f"{int(row, 16):0{known['nodes']}b}" for row in known["rows"]]
+    saved = np.isfinite(names["saved"].least_time).T.astype(int).tolist()
+    assert ["".join(map(str, row)) for row in saved] == bits
+    said = capsys.readouterr().out
+    assert len(turns) == 3
+    assert said.count("kind='saddle'") == [turn["kind"] for turn in turns].count("saddle")
+    assert said.splitlines()[-1] == str(bool(names["saved"].contains(speed * math.radians(6.0), 0.0)))
+
+
+@needs_node
+def test_the_python_loads_a_policy_of_ones_own(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    bicycle_env.load_policy("BicycleStab-v0").save("policy")
+    for left in ("file", "policy"):
+        exec(in_node(folder, f"#{OVERSTEER}&left={left}&right={left}&recoverable=off")["python"], {})
+    said = capsys.readouterr().out.splitlines()
+    assert said[: len(said) // 2] == said[len(said) // 2 :]
+
+
+@needs_node
+def test_who_cannot_drive_says_why(folder):
+    found = in_node(folder, "#vehicle=oversteer&mass=110&steer=rear&left=you&right=lqr")
+    assert "by hand it is the front axle" in found["endings"][0]
+    assert "start “bicycle-env explore”" in found["endings"][1]
+    found = in_node(folder, "#vehicle=oversteer&steer=front&left=file&right=policy")
+    assert "no policy file yet" in found["endings"][0]
+    assert "steers both axles" in found["endings"][1]
+
+
+def test_the_wheel_turns_as_that_of_play(files):
+    human = pytest.importorskip("bicycle_env.play.human")
+    found = dict(re.findall(r"export const (TURN|RETURN) = (\d+)", files["hand.mjs"].decode()))
+    assert {name: float(value) for name, value in found.items()} == {"TURN": human.TURN, "RETURN": human.RETURN}
 
 
 def test_the_folder_is_written_and_not_over_others(files, tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """The server gives what is in its table, to this machine's own page alone."""
 
 import http.client
+import json
 import socket
 import threading
 
@@ -71,11 +72,58 @@ def test_a_foreign_origin_is_refused(server, origin):
 
 
 def test_other_methods_are_refused(server):
-    assert ask(server, method="POST")[0].status == 501
+    assert ask(server, method="PUT")[0].status == 501
+
+
+QUESTION = b'{"ask": "lqr", "vehicle": "oversteer", "speed": 43.0}'
+
+
+def question(server, content=QUESTION, path="/answer", **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=60)
+    own = f"http://127.0.0.1:{server.server_port}"
+    usual = {"Origin": own, "Content-Type": "application/json", "Content-Length": str(len(content))}
+    connection.putrequest("POST", path)
+    for name, value in {**usual, **headers}.items():
+        if value is not None:
+            connection.putheader(name, value)
+    connection.endheaders()
+    connection.send(content)
+    answer = connection.getresponse()
+    found = answer.read()
+    connection.close()
+    return answer.status, found
+
+
+def test_a_question_is_answered(server):
+    status, content = question(server)
+    assert status == 200
+    assert len(json.loads(content)) == 2
+
+
+@pytest.mark.parametrize(
+    ("status", "changes"),
+    [
+        (403, {"Origin": None}),
+        (403, {"Origin": "https://evil.example"}),
+        (404, {"path": "/answers"}),
+        (404, {"path": "/"}),
+        (415, {"Content-Type": "text/plain"}),
+        (415, {"Content-Type": None}),
+        (411, {"Content-Length": None}),
+        (411, {"Content-Length": "-1"}),
+        (413, {"Content-Length": "5000"}),
+        (413, {"Content-Length": "9" * 5000}),
+        (400, {"content": b'{"ask": "lqr", "vehicle": "<b>", "speed": 43.0}'}),
+    ],
+)
+def test_a_question_that_is_refused(server, status, changes):
+    found, content = question(server, **changes)
+    assert found == status
+    assert content.count(b"\n") == 1
 
 
 def test_a_port_in_use_is_one_line(monkeypatch, capsys):
-    monkeypatch.setattr("bicycle_env.explore.page", lambda: FILES)
+    monkeypatch.setattr("bicycle_env.explore.page", lambda served: FILES)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert main(["explore", "--no-browser", "--port", str(port)]) == 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -46,7 +46,7 @@ def recoverable_set(
     lane: float | None = None,
     lane_grid: tuple[int, int, int, int] = (61, 61, 33, 25),
     geometry: str | None = None,
-    progress: bool | None = None,
+    progress: bool | Callable[[float], None] | None = None,
 ) -> RecoverableSet:
     """The states (lateral velocity, yaw rate) from which SOME admissible steering brings the car back.
 
@@ -70,7 +70,8 @@ def recoverable_set(
         lane_grid: nodes in lateral velocity, yaw rate, course (within 0.4 rad) and lateral position, with a lane. The
             set without a lane, on `grid`, bounds it from outside.
         geometry: "small_angle" or "exact"; by default as in ``simulate``.
-        progress: show a bar (needs tqdm); by default where standard error is a terminal.
+        progress: show a bar (needs tqdm); by default where standard error is a terminal. Or a function that hears the
+            share that is done, 0 to 1, now and then; what it raises ends the search.
 
     Raises:
         ValueError, TypeError: a bad value, named with its allowed range.
@@ -188,8 +189,11 @@ def _nodes(name: str, grid: Sequence[int], axes: int) -> tuple[int, ...]:
 
 
 @contextmanager
-def _bar(label: str, wanted: bool | None) -> Iterator[least_time.Progress]:
-    """A progress bar from 0 to 1 on standard error, where tqdm is installed."""
+def _bar(label: str, wanted: bool | Callable[[float], None] | None) -> Iterator[least_time.Progress]:
+    """A progress bar from 0 to 1 on standard error, where tqdm is installed; or the caller's own."""
+    if callable(wanted):
+        yield wanted
+        return
     if wanted is False or (wanted is None and not sys.stderr.isatty()):
         yield lambda _: None
         return

@@ -9,8 +9,8 @@ export function blank(canvas) {
   const pen = canvas.getContext("2d");
   pen.setTransform(dense, 0, 0, dense, 0, 0);
   pen.font = FONT;
-  const style = getComputedStyle(document.documentElement);
-  return { pen, width, height, color: (name) => style.getPropertyValue(`--${name}`).trim() };
+  const style = getComputedStyle(document.documentElement), known = {};
+  return { pen, width, height, color: (name) => (known[name] ??= style.getPropertyValue(`--${name}`).trim()) };
 }
 
 const STEPS = [1, 2, 5, 10];
@@ -22,7 +22,8 @@ export function ticks(least, most, count) {
   return found;
 }
 
-// Axes from `least` to `most` in x and y; gives the functions that place a value, and those that read a pixel.
+// Axes from `least` to `most` in x and y; gives the functions that place a value, and those that read a pixel. `words`:
+// of both axes, a title, ticks [[value, text], ...] where they are not the usual ones, what is drawn `behind`.
 export function axes(canvas, x, y, words) {
   const { pen, width, height, color } = blank(canvas);
   const box = { left: 54, right: width - 10, top: words.title ? 22 : 10, bottom: height - 34 };
@@ -41,16 +42,17 @@ export function axes(canvas, x, y, words) {
   pen.fillStyle = color("soft");
   pen.textAlign = "center";
   pen.textBaseline = "top";
-  for (const value of ticks(...x, Math.max(3, (box.right - box.left) / 80))) {
-    stroke(value === 0 ? "soft" : "grid", px(value), box.top, px(value), box.bottom);
-    pen.fillText(label(value), px(value), box.bottom + 4);
+  const marks = (given, range, count) => given ?? ticks(...range, count).map((value) => [value, label(value)]);
+  for (const [value, text] of marks(words.xTicks, x, Math.max(3, (box.right - box.left) / 80))) {
+    stroke(value === 0 && !words.xTicks ? "soft" : "grid", px(value), box.top, px(value), box.bottom);
+    pen.fillText(text, px(value), box.bottom + 4);
   }
   pen.fillText(words.x, (box.left + box.right) / 2, box.bottom + 18);
   pen.textAlign = "right";
   pen.textBaseline = "middle";
-  for (const value of ticks(...y, Math.max(3, (box.bottom - box.top) / 45))) {
-    stroke(value === 0 ? "soft" : "grid", box.left, py(value), box.right, py(value));
-    pen.fillText(label(value), box.left - 5, py(value));
+  for (const [value, text] of marks(words.yTicks, y, Math.max(3, (box.bottom - box.top) / 45))) {
+    stroke(value === 0 && !words.yTicks ? "soft" : "grid", box.left, py(value), box.right, py(value));
+    pen.fillText(text, box.left - 5, py(value));
   }
   pen.textAlign = "left";
   if (words.title) {
@@ -78,6 +80,18 @@ export function axes(canvas, x, y, words) {
     y[0] + ((box.bottom - py0) / (box.bottom - box.top)) * (y[1] - y[0]),
   ];
   return { pen, px, py, box, color, within, read };
+}
+
+// Powers of ten from one logarithm to another, with what lies between two where there is room.
+export function decades(least, most) {
+  const found = [], between = most - least < 1.7 ? [1, 2, 5] : [1];
+  for (let power = Math.floor(least); power <= most; power++) {
+    for (const digit of between) {
+      const value = power + Math.log10(digit);
+      if (value >= least - 1e-9 && value <= most + 1e-9) found.push([value, label(Number((digit * 10 ** power).toPrecision(3)))]);
+    }
+  }
+  return found;
 }
 
 const label = (value) => String(value).replace("-", "−");
@@ -115,6 +129,43 @@ export function cross(plot, x, y, name) {
   pen.stroke();
 }
 
+// A saddle: two ways in, two ways out.
+export function diamond(plot, x, y, name, radius) {
+  const { pen } = plot, cx = plot.px(x), cy = plot.py(y);
+  pen.beginPath();
+  for (const [dx, dy] of [[0, -1], [1, 0], [0, 1], [-1, 0]]) pen.lineTo(cx + dx * radius, cy + dy * radius);
+  pen.closePath();
+  pen.lineWidth = 2.5;
+  pen.fillStyle = plot.color("panel");
+  pen.strokeStyle = plot.color(name);
+  pen.fill();
+  pen.stroke();
+}
+
+// Cells of a grid from -x to x and -y to y, rows in hexadecimal from the bottom, filled where a bit of their row is set.
+export function cells(plot, [x, y], nodes, rows, name) {
+  const { pen } = plot, wide = (2 * x) / (nodes - 1), tall = (2 * y) / (nodes - 1);
+  const height = Math.abs(plot.py(tall) - plot.py(0)) + 0.5;
+  pen.fillStyle = plot.color(name);
+  rows.forEach((digits, row) => {
+    const bits = BigInt(`0x${digits}`).toString(2).padStart(nodes, "0");
+    const top = plot.py(-y + (row + 0.5) * tall);
+    for (let from = bits.indexOf("1"); from >= 0; ) {
+      const next = bits.indexOf("0", from), to = next < 0 ? nodes : next;
+      const left = plot.px(-x + (from - 0.5) * wide), right = plot.px(-x + (to - 0.5) * wide);
+      pen.fillRect(left, top, right - left, height);
+      from = bits.indexOf("1", to);
+    }
+  });
+}
+
+// A part of the plot from one x to another.
+export function band(plot, from, to, name) {
+  const { pen, box } = plot;
+  pen.fillStyle = plot.color(name);
+  pen.fillRect(plot.px(from), box.top, plot.px(to) - plot.px(from), box.bottom - box.top);
+}
+
 // Words at a point, so many pixels below it, and within the axes.
 export function write(plot, x, y, below, words) {
   const { pen, box } = plot, half = pen.measureText(words).width / 2;
@@ -139,14 +190,15 @@ export function arrow(plot, points) {
   pen.fill();
 }
 
-// One lane above the other, each with its car where it is now and the way it came.
-export function road(canvas, cars, now, halfWidth) {
+export const indexAt = ({ time }, now) => Math.min(Math.round(now / (time[1] - time[0] || 1)), time.length - 1);
+
+// One lane above the other, each with its car where it is now and the way it came; `gust`: what blows now, N to the left.
+export function road(canvas, cars, now, halfWidth, gust) {
   const { pen, width, height, color } = blank(canvas);
   const each = height / cars.length, scale = Math.min((each - 22) / (2 * halfWidth + 6.5), 20);
   cars.forEach((one, row) => {
-    const { columns } = one.result, last = columns.time.length - 1;
-    const k = Math.min(Math.round(now / (columns.time[1] - columns.time[0])), last);
-    const at = columns.longitudinal_position[k], middle = each * row + 22 + (each - 22) / 2;
+    const { columns } = one, k = columns ? indexAt(columns, now) : 0;
+    const at = columns?.longitudinal_position[k] ?? 0, middle = each * row + 22 + (each - 22) / 2;
     const px = (x) => width * 0.6 + (x - at) * scale, py = (y) => middle - y * scale;
     pen.save();
     pen.beginPath();
@@ -171,16 +223,36 @@ export function road(canvas, cars, now, halfWidth) {
     pen.stroke();
     pen.setLineDash([]);
     pen.lineDashOffset = 0;
-    const way = { pen, px, py, color };
-    curve(way, columns.longitudinal_position.slice(0, k + 1), columns.lateral_position.slice(0, k + 1), one.color, 2, one.dashes);
-    body(pen, px(at), py(columns.lateral_position[k]), scale, columns, k, one.car, color(one.color), color("ink"));
+    if (columns) {
+      const way = { pen, px, py, color }, y = columns.lateral_position[k];
+      curve(way, columns.longitudinal_position.slice(0, k + 1), columns.lateral_position.slice(0, k + 1), one.color, 2, one.dashes);
+      body(pen, px(at), py(y), scale, columns, k, one.car, color(one.color), color("ink"));
+      if (gust) wind(pen, px(at), py(y), scale, gust > 0 ? -1 : 1, color("ink"));
+    }
     pen.restore();
     pen.fillStyle = color("ink");
     pen.textAlign = "left";
     pen.textBaseline = "top";
-    const words = `Car ${one.letter}, ${one.who}` + (k === last ? `: ${one.ending}` : "");
-    pen.fillText(words, 4, each * row + 4, width - 8);
+    const isLast = columns && k === columns.time.length - 1;
+    pen.fillText(`Car ${one.letter}, ${one.who}${isLast || !columns ? `: ${one.ending}` : ""}`, 4, each * row + 4, width - 8);
   });
+}
+
+// Three arrows that push the car; `down`: 1 to the bottom of the screen, -1 to its top.
+function wind(pen, x, y, scale, down, ink) {
+  pen.strokeStyle = ink;
+  pen.lineWidth = 2.5;
+  for (const aside of [-1, 0, 1]) {
+    const tip = y - down * 1.2 * scale, tail = tip - down * 1.8 * scale, px = x + aside * 1.3 * scale;
+    pen.beginPath();
+    pen.moveTo(px, tail);
+    pen.lineTo(px, tip);
+    for (const side of [-4, 4]) {
+      pen.moveTo(px, tip);
+      pen.lineTo(px + side, tip - down * 7);
+    }
+    pen.stroke();
+  }
 }
 
 function body(pen, x, y, scale, columns, k, car, color, ink) {

@@ -1,58 +1,120 @@
 // Runs of cars and orbits of the phase plane. Every law comes from the traced modules task_*.mjs; there is none here.
+import { onRoad } from "./car.mjs";
 import { exported as trained, Network } from "./policy.mjs";
 
 const NOBODY = { act: () => [0, 0], reset: () => {} };
+const FINE = 4; // the step responses' timestep is a substep's, divided by this
 
-// What is driven: the task's laws on a tire, the car at a point of its preset's speeds, on a road.
-export function placed(task, preset, point, friction) {
+// What is driven: the task's laws on a tire, the car, a speed [m/s], a road, the axles that steer, a gust [N].
+export function placed(task, body, speed, { friction, steer, gust }) {
   const car = task.new_car(), scale = task.new_observation();
-  task.on_road(car, preset.body, point.metres_per_second, friction);
+  onRoad(car, body, speed, friction);
   task.scales(scale, car);
-  return { task, car, scale, rules: task.exported_rules };
+  const rules = { ...task.exported_rules, steers_front: steer === "rear" ? 0 : 1, steers_rear: steer === "front" ? 0 : 1 };
+  return { task, car, scale, rules, steer, gust };
 }
 
-// Who steers, by the words of the page; LQR is a network without hidden layers.
-export function driver(word, point) {
+// A network at the axles that steer; LQR is one without hidden layers.
+function network(description, steer) {
+  const network = new Network(description);
+  const act = (observation) => {
+    const action = network.act(observation);
+    return steer === "both" ? action : steer === "front" ? [action[0], 0] : [0, action[0]];
+  };
+  return { act, reset: () => network.reset() };
+}
+
+const axles = ({ layers }) => layers.at(-1).bias.length;
+
+// Who steers, by the words of the page: { act, reset }, or { why } not. `gains`: of LQR at this speed, nothing if not
+// known, or still `pending`; `file`: a network's parts; `hand`: at the wheel.
+export function driver(word, { steer, rear, gains, pending, file, hand, names }) {
   if (word === "nobody") return NOBODY;
-  if (word === "policy") return new Network(trained);
-  const layers = [{ weight: point.lqr, bias: point.lqr.map(() => 0) }];
-  return new Network({ layers, output: "clip", hold: 1, history: 1, mirror: null, entries: point.lqr[0].length });
+  if (word === "you") {
+    if (steer === "rear") return { why: "cannot steer: by hand it is the front axle" };
+    const other = steer === "both" ? driver(rear, { steer, gains, pending }) : NOBODY;
+    if (other.why) return other;
+    return {
+      act: (observation) => [hand.next(), other.act(observation)[1]],
+      reset: () => {
+        hand.reset();
+        other.reset();
+      },
+    };
+  }
+  if (word === "lqr") {
+    if (!gains && pending) return { why: "LQR is being designed for this car", pending };
+    if (!gains) return { why: "LQR for a changed car is designed by Python: start “bicycle-env explore” on your machine" };
+    const layers = [{ weight: gains, bias: gains.map(() => 0) }];
+    return network({ layers, output: "clip", hold: 1, history: 1, mirror: null, entries: gains[0].length }, steer);
+  }
+  const parts = word === "policy" ? trained : file;
+  if (!parts) return { why: "no policy file yet: drop its files on the page, or choose them" };
+  if (axles(parts) !== (steer === "both" ? 2 : 1)) {
+    return { why: `this policy steers ${axles(parts) === 2 ? "both axles" : "one axle"}: choose that under “Which axle steers”` };
+  }
+  if (word === "file" && JSON.stringify(parts.names) !== JSON.stringify(names)) {
+    return { why: `this policy sees other things than this car shows it: ${parts.names.length} entries, not ${names.length}` };
+  }
+  return network(parts, steer);
 }
 
 // The state at a start: the task's own law, whose box is this one start; the car's course is along its lane.
-export function started({ task, car, rules }, sideslip, yawRate) {
-  const state = task.new_state(), episode = task.new_episode(), settings = task.new_settings();
-  Object.assign(settings, { sideslip, yaw_rate: yawRate });
-  task.start(state, episode, { u0: 0.5, u1: 0.5, u2: 1, u3: 1 }, car, rules, settings);
-  return { state, episode, settings };
+export function started({ task, car, rules, gust }, sideslip, yawRate) {
+  const state = task.new_state(), episode = task.new_episode(), own = task.new_task_state(), side = gust < 0 ? -1 : 1;
+  const settings = {
+    ...task.exported_settings,
+    ...{ lateral_position: 0, course: 0, sideslip, yaw_rate: yawRate },
+    ...{ gust_force_low: Math.abs(gust), gust_force_least_sign: side, gust_force_greatest_sign: side },
+  };
+  task.start(state, episode, own, { ...task.new_uniforms(), u0: 0.5, u1: 0.5, u2: 1, u3: 1 }, car, rules, settings);
+  return { state, episode, own, settings };
 }
 
-// An episode of the environment: columns by name, a row for each control step, and how it ended.
-export function run(world, who, sideslip, yawRate) {
-  const { task, car, scale, rules } = world;
-  const { state, episode, settings } = started(world, sideslip, yawRate);
-  const observation = task.new_observation(), outcome = task.new_outcome();
-  const columns = Object.fromEntries(["time", "sideslip", ...Object.keys(state)].map((name) => [name, []]));
-  const remember = () => {
-    for (const [name, value] of Object.entries(state)) columns[name].push(value);
-    columns.time.push(episode.steps * rules.control_timestep);
-    columns.sideslip.push(sideslipOf(state, car));
-  };
-  who.reset();
-  remember();
-  while (outcome.end === 0 && episode.steps < task.step_limit) {
-    task.observe(observation, state, episode, scale, car, rules, settings);
-    const [front, rear] = who.act(Object.values(observation)).map(Math.fround);
-    task.step(state, episode, outcome, state, episode, { front, rear }, car, rules, settings);
-    remember();
+// An episode of the environment on its way: columns by name, a row for each control step; at its end how it ended.
+export class Run {
+  constructor(world, who, sideslip, yawRate) {
+    Object.assign(this, { world, driver: who, over: false, end: "", settledAfter: null });
+    Object.assign(this, started(world, sideslip, yawRate));
+    this.observation = world.task.new_observation();
+    this.outcome = world.task.new_outcome();
+    this.action = world.task.new_action();
+    this.columns = Object.fromEntries(["time", "sideslip", ...Object.keys(this.state)].map((name) => [name, []]));
+    who.reset();
+    this.remember();
   }
-  const steady = episode.settled_steps >= task.steps_to_settle;
-  return {
-    columns,
-    end: task.end_words[outcome.end],
-    settledAfter: outcome.end === 0 && steady ? (episode.steps - episode.settled_steps) * rules.control_timestep : null,
-  };
+
+  get time() {
+    return this.episode.steps * this.world.rules.control_timestep;
+  }
+
+  remember() {
+    for (const [name, value] of Object.entries(this.state)) this.columns[name].push(value);
+    this.columns.time.push(this.time);
+    this.columns.sideslip.push(sideslipOf(this.state, this.world.car));
+  }
+
+  step() {
+    const { task, car, scale, rules } = this.world, { state, episode, own, settings, observation, outcome, action } = this;
+    task.observe(observation, state, episode, own, scale, car, rules, settings);
+    [action.front, action.rear] = this.driver.act(Object.values(observation)).map(Math.fround);
+    task.step(state, episode, own, outcome, state, episode, own, action, car, rules, settings);
+    this.remember();
+    this.over = outcome.end !== 0 || episode.steps >= task.step_limit;
+    if (!this.over) return;
+    this.end = task.end_words[outcome.end];
+    const steady = outcome.end === 0 && episode.settled_steps >= task.steps_to_settle;
+    this.settledAfter = steady ? (episode.steps - episode.settled_steps) * rules.control_timestep : null;
+  }
+
+  until(time) {
+    while (!this.over && this.time < time - 1e-9) this.step();
+    return this;
+  }
 }
+
+// A whole episode.
+export const run = (world, who, sideslip, yawRate) => new Run(world, who, sideslip, yawRate).until(Infinity);
 
 // What sideslip means: V / U.
 const sideslipOf = (state, car) => state.lateral_velocity / car.speed;
@@ -61,12 +123,12 @@ const sideslipOf = (state, car) => state.lateral_velocity / car.speed;
 // `stable` or not: near it an orbit may pass by.
 export function orbit(world, stable, box, sideslip, yawRate, seconds) {
   const { task, car, rules } = world;
-  const { state, episode, settings } = started(world, sideslip, yawRate);
+  const { state, episode, own, settings } = started({ ...world, gust: 0 }, sideslip, yawRate);
   const timestep = rules.control_timestep / rules.substeps, begun = task.new_begun();
   const points = [[sideslipOf(state, car), state.yaw_rate]];
   let inside = true, settled = false;
   for (let n = 1; n * timestep <= seconds && inside && !settled; n++) {
-    task.advance(state, state, episode, begun, 0, car, rules, settings);
+    task.advance(state, state, episode, own, begun, 0, car, rules, settings);
     if (n % rules.substeps) continue;
     const x = sideslipOf(state, car), y = state.yaw_rate;
     points.push([x, y]);
@@ -74,6 +136,29 @@ export function orbit(world, stable, box, sideslip, yawRate, seconds) {
     settled = stable && Math.abs(x) < 0.01 * box.sideslip && Math.abs(y) < 0.01 * box.yawRate;
   }
   return { points, settled };
+}
+
+// From straight running, the wheels of one axle turned by an angle at once: columns by name.
+export function stepResponse(world, axle, angle, seconds) {
+  const { task, car } = world, rules = { ...world.rules, substeps: FINE * world.rules.substeps };
+  const { state, episode, own, settings } = started({ ...world, gust: 0 }, 0, 0);
+  const timestep = rules.control_timestep / rules.substeps, begun = task.new_begun(), forces = task.new_axle_forces();
+  state[`${axle}_steer`] = begun[`${axle}_steer_command`] = angle;
+  const found = { time: [], lateral_acceleration: [], yaw_rate: [] };
+  for (let n = 0; n * timestep <= seconds; n++) {
+    task.axles(forces, state, car);
+    found.time.push(n * timestep);
+    found.lateral_acceleration.push(forces.lateral_acceleration);
+    found.yaw_rate.push(state.yaw_rate);
+    task.advance(state, state, episode, own, begun, 0, car, rules, settings);
+  }
+  return found;
+}
+
+// Seconds until a response that starts one way goes the other; 0 if it does not.
+export function wrongWay({ time, lateral_acceleration: values }) {
+  const place = values.findIndex((value) => value * values[0] < 0);
+  return place > 0 ? time[place] : 0;
 }
 
 // Starts on a grid of so many by so many: [[sideslip, yaw rate], ...].
