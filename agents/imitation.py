@@ -2,20 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from agents import scores
+from agents.episodes import start_seeds
+from agents.messages import UserError
+from bicycle_env import control, optimum
 from bicycle_env.control import Policy
 
 ROUNDS = 4
 """The controller drives in the first one, the network in the others."""
 CARS = 512
+PLANNED = 192
+"""Starts of an iteration of the search for a plan."""
 GRADIENT_STEPS, MINIBATCH, LEARNING_RATE = 600, 4096, 2e-3
 """Of each round, over all that was driven so far."""
+
+
+def begin(network: nn.Module, args: Any, keywords: Mapping[str, Any], cars: optimum.Cars) -> None:
+    """Let a network begin as the image of the controller `args.imitate`, which with `args.plan` first learns to plan.
+
+    Raises:
+        UserError: there is none of that name for these cars, or it cannot plan.
+    """
+    plant = cars.plant
+    name = plant.spec.id if plant.spec is not None else ""
+    parameters = scores.tuned(name, plant.scored_level, args.imitate)
+    try:
+        teacher = control.make(args.imitate, plant, parameters=parameters)
+    except (TypeError, ValueError, np.linalg.LinAlgError) as error:
+        raise UserError(f"--imitate: {error}") from None
+    if args.plan:
+        if not isinstance(teacher, control.TunableLaw):
+            raise UserError(f"--plan: {args.imitate} has no parameters that may differ from car to car")
+        seeds = [start_seeds(PLANNED, args.seed + 1000 * (k + 1), "tune") for k in range(args.plan)]
+        teacher = optimum.search_plan(
+            args.env_id, keywords, teacher, seeds.__getitem__, iterations=args.plan, seed=args.seed
+        )
+    starts = start_seeds(ROUNDS * CARS, args.seed, "tune")
+    imitate(network, teacher, cars.of(CARS), starts, args.hold, args.history)
 
 
 def imitate(network: nn.Module, teacher: Policy, cars: Any, seeds: Sequence[int], hold: int, history: int) -> float:

@@ -34,16 +34,12 @@ from torch import Tensor, nn
 from torch.distributions import Normal
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import imitation, messages, scores, settings, state_arrays, stopping, training
-from agents.episodes import start_seeds
+from agents import imitation, messages, settings, state_arrays, stopping, training
 from agents.evaluate import make_env, make_vector_env, parse_keywords
-from agents.messages import UserError
-from bicycle_env import control, optimum
+from bicycle_env import optimum
 from bicycle_env.backends import announcements
 
 ALGORITHM = "native-ppo"
-PLANNED = 192
-"""Starts of an iteration of --plan."""
 
 
 @dataclass
@@ -327,7 +323,7 @@ def train(args: Args, console: Console, watch: training.Watch | None = None) -> 
         run.watch = watch
         if arrays is None:
             if args.imitate:
-                imitate(args, keywords, learner.policy, assessed)
+                imitation.begin(learner.policy, args, keywords, assessed)
             cars.begin(args.seed, assessed.episode_steps)
         else:
             put(arrays, learner, optimizer, cars)
@@ -345,26 +341,6 @@ def train(args: Args, console: Console, watch: training.Watch | None = None) -> 
             )
         run.finish(console)
     return path
-
-
-def imitate(args: Args, keywords: dict[str, Any], policy: nn.Module, cars: optimum.Cars) -> None:
-    """Let the policy begin as the image of a controller; UserError if there is none of that name for these cars."""
-    plant = cars.plant
-    name = plant.spec.id if plant.spec is not None else ""
-    parameters = scores.tuned(name, plant.scored_level, args.imitate)
-    try:
-        teacher = control.make(args.imitate, plant, parameters=parameters)
-    except (TypeError, ValueError, np.linalg.LinAlgError) as error:
-        raise UserError(f"--imitate: {error}") from None
-    if args.plan:
-        if not isinstance(teacher, control.TunableLaw):
-            raise UserError(f"--plan: {args.imitate} has no parameters that may differ from car to car")
-        seeds = [start_seeds(PLANNED, args.seed + 1000 * (k + 1), "tune") for k in range(args.plan)]
-        teacher = optimum.search_plan(
-            args.env_id, keywords, teacher, seeds.__getitem__, iterations=args.plan, seed=args.seed
-        )
-    starts = start_seeds(imitation.ROUNDS * imitation.CARS, args.seed, "tune")
-    imitation.imitate(policy, teacher, cars.of(imitation.CARS), starts, args.hold, args.history)
 
 
 def state(learner: Learner, optimizer: torch.optim.Optimizer, cars: Cars) -> state_arrays.State:

@@ -93,7 +93,7 @@ ROWS = {
         EVERYTHING | {"report", "leaderboard", "command_words"},
         set(),
         lazy_layers={"explore", "export", "play"},
-        lazy_packages={"numpy", "gymnasium"},
+        lazy_packages={"numpy", "gymnasium", "shtab"},
     ),
 }
 

@@ -37,14 +37,14 @@ def test_whom_it_cannot_imitate_is_one_line(name):
     cars = optimum.Cars("BicycleStab-v0", {})
     policy = ppo.Learner(ARGS, ppo.Cars(ARGS, {})).policy
     with pytest.raises(UserError, match="--imitate: "):
-        ppo.imitate(ppo.Args(imitate=name), {}, policy, cars)
+        imitation.begin(policy, ppo.Args(imitate=name), {}, cars)
 
 
 def test_whose_parameters_are_the_same_for_all_cars_cannot_plan():
     cars = optimum.Cars("BicycleStab-v0", {})
     policy = ppo.Learner(ARGS, ppo.Cars(ARGS, {})).policy
     with pytest.raises(UserError, match="--plan: lqr has no parameters that may differ from car to car"):
-        ppo.imitate(ppo.Args(imitate="lqr", plan=1), {}, policy, cars)
+        imitation.begin(policy, ppo.Args(imitate="lqr", plan=1), {}, cars)
 
 
 def test_what_is_copied_is_what_was_seen_at_a_decision():

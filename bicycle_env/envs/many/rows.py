@@ -14,7 +14,7 @@ from bicycle_env.envs.many.blocks import KEPT, Kind, layout, shared_numbers
 from bicycle_env.physics.car import CarParameters, CarState
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.validation import choice
-from bicycle_env.tasks.episode import World
+from bicycle_env.tasks.episode import EpisodeState, Rules, World
 from bicycle_env.tasks.task import Allowed, Task, allowed_number, checked_state
 
 Column = NDArray[np.float64]
@@ -80,6 +80,16 @@ class Rows:
         numbers = [self._of(column) for column in range(self._at.car, self._at.scale)]
         count = len(CarParameters._fields)
         return CarParameters(*numbers[:count]), type(fleet.settings)(*numbers[count:])
+
+    def refill(self, task: Task, fleet: Fleet, rules: Rules, mask: NDArray[np.bool_]) -> None:
+        """What the task keeps of a start, in the rows of a mask, after their starts were changed by options."""
+        law = task.refilled(NUMPY)
+        if law is not None:
+            state, zero = self.record(fleet.configuration.model.State), np.zeros(self._num_envs)
+            front, rear = (self.column(name) for name in KEPT[:2])
+            episode = EpisodeState(front, rear, zero, zero, self.record(task.TaskState))
+            car, settings = self.cars(fleet)
+            self.put(law(state, episode, World(car, rules, settings))._asdict(), mask)
 
     def _put_all(self, first: int, values: list[Any], mask: NDArray[np.bool_]) -> None:
         for column, each in enumerate(values, start=first):

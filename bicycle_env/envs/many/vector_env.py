@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -27,7 +27,6 @@ from bicycle_env.envs.told import Told, read_only, tell
 from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.validation import flag, known_keys, whole
 from bicycle_env.tasks.ends import INVALID_ACTION
-from bicycle_env.tasks.episode import EpisodeState, World
 
 INT8 = np.dtype(np.int8)
 MOST_THREADS = 1024
@@ -125,10 +124,13 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
         """Compiled, or loaded, when episodes are asked for: as those of the single environment."""
         return block_kernels.kernels(self._kind, self.reward)
 
+    @functools.cached_property
+    def _run(self) -> Callable[..., int]:
+        return self._run_shared if self._threads.helpers else self._kernels.step
+
     def _bind(self) -> None:
         self._numbers, self._blocks = self._rows.numbers, self._rows.blocks
         self._threads = Threads(self.threads, self.num_envs, self._blocks)
-        self._run = self._run_shared if self._threads.helpers else self._first_run
 
     # Gymnasium's interface
 
@@ -168,7 +170,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
         kernels.start(self._numbers, mask, self._generators.addresses)
         if changes:
             self._rows.put(changes, mask)
-            self._refill(mask)
+            self._rows.refill(self.task, self.fleet, self.rules, mask)
         if self.staggered_start and masked is None and self.max_episode_steps is not None:
             spread = np.arange(self.num_envs) * self.max_episode_steps // self.num_envs
             self._rows.put({"steps": spread.astype(np.float64)}, mask)
@@ -287,16 +289,6 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
 
     # Inner workings
 
-    def _refill(self, mask: NDArray[np.bool_]) -> None:
-        """What the task keeps of a start, in the rows of a mask, after their starts were changed by options."""
-        law = self.task.refilled(NUMPY)
-        if law is not None:
-            state, zero = self._rows.record(self.model.State), np.zeros(self.num_envs)
-            front, rear = (self._rows.column(name) for name in blocks.KEPT[:2])
-            episode = EpisodeState(front, rear, zero, zero, self._rows.record(self.task.TaskState))
-            car, settings = self._rows.cars(self.fleet)
-            self._rows.put(law(state, episode, World(car, self.rules, settings))._asdict(), mask)
-
     def _fits(self, snapshot: VectorSnapshot) -> bool:
         mine, theirs = self._rows.episodes, snapshot.rows
         if snapshot.names not in ((), self.configuration.State._fields):
@@ -336,11 +328,6 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
             self._kernels.look(self._numbers, waiting, observation, values)
             flags[:3, waiting], end[waiting] = False, 0
         return int(np.count_nonzero(flags[0] | flags[1]))
-
-    def _first_run(self, *arguments: Any) -> int:
-        """The compiled step, which from now on needs not be looked for."""
-        self._run = self._kernels.step
-        return int(self._run(*arguments))
 
     def _run_shared(self, *arguments: Any) -> int:
         """The compiled step, its blocks shared among the threads."""

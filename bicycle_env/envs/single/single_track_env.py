@@ -103,8 +103,13 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
         """Compiled, or loaded, when an episode is asked for: whoever wants the numbers of a plant does not wait."""
         return block_kernels.kernels(self._kind, self.reward, step_of_one)
 
+    @functools.cached_property
+    def _step(self) -> Any:
+        if self.closed:
+            return self._step_after_close
+        return self._kernels.step if self.action_repeat == 1 else self._step_repeated
+
     def _bind(self) -> None:
-        self._step = self._step_after_close if self.closed else self._first_step
         self._State = self.configuration.State
         self._numbers = self._rows.numbers
         self._episode = self._rows.episodes[0, :, 0]
@@ -328,12 +333,6 @@ class SingleTrackEnv(Configured, gym.Env[NDArray[np.float32], NDArray[np.float32
     @property
     def _steps(self) -> float:
         return float(self._episode[self._at.kept + STEPS])
-
-    def _first_step(self, *arguments: Any) -> tuple[float, int, float, bool]:
-        """The compiled step, which from now on needs not be looked for."""
-        self._step = self._kernels.step if self.action_repeat == 1 else self._step_repeated
-        found: tuple[float, int, float, bool] = self._step(*arguments)
-        return found
 
     def _step_repeated(self, *arguments: Any) -> tuple[float, int, float, bool]:
         """The compiled step, ``action_repeat`` times unless the episode ends before: the sum of the rewards."""
