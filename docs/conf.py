@@ -34,7 +34,7 @@ for source in sorted([*(ROOT / "bicycle_env").rglob("*.py"), *(ROOT / "agents").
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / "build" / f"notebooks-{digest.hexdigest()[:12]}")
 nb_execution_show_tb = True  # a cell that fails is a warning, hence an error
-nb_execution_timeout = 600
+nb_execution_timeout = -1  # none
 nb_merge_streams = True
 nb_ipywidgets_js = {}  # from another host; no widget is used
 
