@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+from docutils import nodes
 from gymnasium.envs.registration import load_env_creator
 from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
@@ -222,6 +223,19 @@ def plain(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list
         lines[k] = "".join(part if part.startswith("``") else part.replace("|", r"\|") for part in parts)
 
 
+# What is run
+
+
+def named(app: Sphinx, doctree: nodes.document) -> None:
+    """A picture that came out of a cell is called as the section where it stands, for whoever does not see it."""
+    for image in doctree.findall(nodes.image):
+        above = image.parent
+        while above is not None and not isinstance(above, nodes.section):
+            above = above.parent
+        if "alt" not in image and above is not None:
+            image["alt"] = f"Figure: {above.next_node(nodes.title).astext()}"
+
+
 # The explorer
 
 
@@ -245,5 +259,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("builder-inited", reference)
     app.connect("source-read", linked)
     app.connect("autodoc-process-docstring", plain, priority=100)  # before napoleon
+    app.connect("doctree-read", named)
     app.connect("build-finished", write_explorer)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -27,7 +27,8 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.resources, self.links, self.classes, self._in_style = [], [], [], False
+        self.resources, self.links, self.classes, self.alternatives = [], [], [], []
+        self._in_style = False
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
@@ -41,6 +42,8 @@ class Page(HTMLParser):
             self.resources.append(given["href"])
         if tag in ("image", "use"):
             self.resources += [given[name] for name in ("href", "xlink:href") if given.get(name)]
+        if tag == "img":
+            self.alternatives.append(given.get("alt"))
         if tag == "a" and given.get("href"):
             self.links.append(given["href"])
 
@@ -165,3 +168,4 @@ def test_what_is_run_shows_what_came_out(source, site):
         assert len(pictures) == len(cells)
     assert len(pictures) >= 2
     assert page.classes.count("cell_output") >= 2
+    assert all(words.startswith("Figure: ") for words in page.alternatives)
