@@ -10,7 +10,7 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all test-browser lint lock stab lane-change controllers headroom mpc entry-speed alignment learning tensors results benchmark benchmark-vector compat rllib gymnasium-versions clean
+.PHONY: help demo test test-all test-browser lint docs lock stab lane-change controllers headroom mpc entry-speed alignment learning tensors results benchmark benchmark-vector compat rllib gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/ (pictures, one moving)"
@@ -18,6 +18,7 @@ help:
 	@echo "make test-all            the combinations of options that make test leaves out"
 	@echo "make test-browser        the explorer in a Chromium that is installed here; a part of make test-all"
 	@echo "make lint                ruff and mypy"
+	@echo "make docs                the documentation as a site: build/docs/index.html (3 minutes, then 1)"
 	@echo "make lock                resolve locks/*.txt anew from pyproject.toml and constraints.txt"
 	@echo "make stab                learn to catch the car with ten seeds: runs/BicycleStab-v0-ppo.json"
 	@echo "make lane-change         learn the lane change with five seeds: runs/BicycleLaneChange-v0-ppo.json (6 minutes)"
@@ -53,7 +54,7 @@ demo: $(VENV)/.installed-demo
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
-test-all: $(VENV)/.installed-test
+test-all: $(VENV)/.installed-test $(VENV)/.installed-docs
 	$(BIN)/python -m pytest -n auto --dist worksteal -m exhaustive
 
 test-browser: $(VENV)/.installed-test
@@ -63,6 +64,11 @@ lint: $(VENV)/.installed-test
 	$(BIN)/python -m ruff format --check .
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
+
+# Warnings are errors. Pages made from the package, which git does not keep, are written beside the others in docs/.
+docs: $(VENV)/.installed-demo $(VENV)/.installed-docs
+	$(BIN)/python -m sphinx -W --keep-going -E -q -b html -d build/doctrees docs build/docs
+	@echo "written: build/docs/index.html; with the explorer, which browsers do not load from files: $(BIN)/python -m http.server -d build/docs"
 
 stab: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.seeds --env-id BicycleStab-v0 --seeds 10 --out $(OUT)/BicycleStab-v0-ppo.json

@@ -77,7 +77,7 @@ def show(
     envs = [gym.make(env_id, render_mode="rgb_array", **keywords) for _ in policies]
     drives = [play.Drive(*each) for each in zip(headings, envs, policies.values(), strict=True)]
     film = moving.GIF(path, drives[0].plant.action_timestep)
-    caption = (f"the same start for all, the {place + 1}th of {count}",)
+    caption = (f"the same start for all: {place + 1} of {count}",)
 
     def keep(step: int, over: bool) -> bool:
         if over or step % film.every == 0:

@@ -24,7 +24,7 @@ from bicycle_env.registration import ENVIRONMENTS
 ROOT = Path(__file__).parent.parent
 PAGES = (
     *("README.md", "docs/performance.md", "docs/levels.md", "docs/headroom.md", "docs/reward.md"),
-    *("docs/learning.md", "docs/results.md"),
+    *("docs/learning.md", "docs/results.md", "docs/libraries.md"),
 )
 DEGREES = 57.29577951308232
 BEYOND = "peak_sideslip_beyond_0.3"
@@ -442,6 +442,18 @@ def ablations() -> str:
     return "\n".join([*lines, "", made(result, more)])
 
 
+def compat() -> str:
+    result = read("compat.json")
+    lines = ["| what was run | with | outcome |", "|---|---|---|"]
+    everywhere = ("python", "bicycle-env", "numpy", "numba")
+    for name, row in result["libraries"].items():
+        used = ", ".join(f"{key} {value}" for key, value in row["versions"].items() if key not in everywhere)
+        lines.append(f"| {name} | {used} | {row['outcome']}: {'; '.join(row['checked'])} |")
+    dates = sorted({row["date"] for row in result["libraries"].values()})
+    when = dates[0] if len(dates) == 1 else f"{dates[0]} to {dates[-1]}"
+    return "\n".join([*lines, "", f"`{result['command']}`, {when}, {result['machine']}; `results/compat.json`."])
+
+
 def levels() -> str:
     """Not of results: of the tasks themselves."""
     lines = ["| id | level | numbers |", "|---|---|---|"]
@@ -495,6 +507,7 @@ TABLES = {
         entry_speed,
         controllers_stab,
         controllers_lane_change,
+        compat,
         levels,
         alignment,
         benchmark,
