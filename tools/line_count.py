@@ -113,7 +113,8 @@ FEATURES: dict[str, Names] = {
             "_step.beside _step.step:beside _step.step.elapsed measuring.moment measuring.measure.now "
             "measuring.measure.episode"
         ),
-        "envs/many/vector_env.py": "SingleTrackVectorEnv._refill SingleTrackVectorEnv.reset:_refill",
+        "envs/many/rows.py": "Rows.refill",
+        "envs/many/vector_env.py": "SingleTrackVectorEnv.reset:refill",
         "envs/single/single_track_env.py": "SingleTrackEnv._refill SingleTrackEnv.reset:_refill",
         "envs/tensors/torch_vector_env.py": "TorchVectorEnv.reset:refill",
         "envs/tensors/tensor_kernels.py": (
