@@ -327,3 +327,9 @@ def test_the_package_and_an_environment_are_light():
         "tensorboard",
         "pandas",
     }
+
+
+def test_test_files_have_names_of_their_own():
+    """pytest takes two of one name for one."""
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(set(names)) == sorted(names)
