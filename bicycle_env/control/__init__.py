@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bicycle_env.control.active_steer import REAR_STEERINGS
-from bicycle_env.control.driver import DRIVERS
+from bicycle_env.control.driver import DRIVERS, Scripted
 from bicycle_env.control.evade_path import EvadePath, PathRound
 from bicycle_env.control.four_wheel_steer import REAR_LAWS, DriverAndLaw
 from bicycle_env.control.lqg import LQG
@@ -48,6 +48,7 @@ __all__ = [
     "PolePlacement",
     "Policy",
     "ScheduledLQR",
+    "Scripted",
     "TunableLaw",
     "TunablePolicy",
     "Weights",

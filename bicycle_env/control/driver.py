@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import abc
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +15,10 @@ from bicycle_env.control.design.path import path_ahead
 from bicycle_env.control.policy import Array, Plant
 from bicycle_env.control.remembered import Remembered
 from bicycle_env.control.tunable import ArgumentPolicy, Parameter
+from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.validation import number, positive
+from bicycle_env.tasks import drivers
+from bicycle_env.tasks.disturbances import SIDES
 
 
 class Driver(ArgumentPolicy):
@@ -96,7 +101,8 @@ class Preview(Driver):
         model: the car that the driver predicts with, see :class:`Driver`.
 
     Attributes: ``model``, ``preview`` (steps,) and ``gain`` (6,) of ``action = preview @ f - gain @ x``, f the lateral
-    distances of the path after 1, 2, ... control steps.
+    distances of the path after 1, 2, ... control steps; ``weights`` (entries,), rad per entry of the observation, of
+    the angle that is wanted ``delay_steps`` control steps later.
 
     Raises:
         ValueError, TypeError: a steer mode without front wheels; a bad time.
@@ -118,7 +124,8 @@ class Preview(Driver):
         self.preview, free = held_control(self.model.A, self.model.B[:, 0], steps)
         self.gain: Matrix = self.preview @ free
         ahead = path_ahead(plant, timestep * np.arange(1.0, steps + 1.0)) @ self.preview
-        self._weights = self._limit * (ahead - Reading(plant).state_feedback(self.gain[None, :])[:, 0])
+        self.weights = self._limit * (ahead - Reading(plant).state_feedback(self.gain[None, :])[:, 0])
+        self.delay_steps = waiting
         self._waiting = Remembered(waiting)
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
@@ -126,7 +133,7 @@ class Preview(Driver):
 
     def front_steer(self, observation: Matrix) -> Matrix:
         waiting = self._waiting.of(len(observation))
-        line = np.column_stack([waiting, weighted_sum(observation, self._weights)])
+        line = np.column_stack([waiting, weighted_sum(observation, self.weights)])
         waiting[:] = line[:, 1:]
         return line[:, 0]
 
@@ -193,6 +200,41 @@ class Stanley(Driver):
     def front_steer(self, observation: Matrix) -> Matrix:
         error = weighted_sum(observation, self._error)
         return weighted_sum(observation, self._linear) - np.arctan(self._stiffness * error)
+
+
+class Scripted(Driver):
+    """A manoeuvre of ``bicycle_env.drivers``, whatever the car does: a step, a sine with dwell, what was recorded.
+
+    Args:
+        plant: the environment.
+        manoeuvre: as the keyword ``driver`` of the environments takes it, with a side that is not drawn.
+        model: see :class:`Driver`.
+
+    Raises:
+        ValueError, TypeError: a steer mode without front wheels; a driver that looks where to go; a random side.
+    """
+
+    def __init__(self, plant: Plant, manoeuvre: Any, model: LinearModel | None = None) -> None:
+        found = drivers.resolve(manoeuvre)
+        if found is None or not found.sided:
+            raise ValueError(f"manoeuvre must be one that needs no eyes, got {manoeuvre!r}")
+        if found.side == "random":
+            raise ValueError(f"manoeuvre: side must be 'left' or 'right', got {found.side!r}")
+        self.name = found.name.replace("_", "-")
+        super().__init__(plant, model)
+        self._sign, self._timestep = SIDES[found.side][0], plant.action_timestep
+        self._law = found.law(NUMPY, plant.task.reference(NUMPY))
+        self._numbers = SimpleNamespace(**found.numbers())
+        self._steps = Remembered(1)
+
+    def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
+        self._steps.reset(rows)
+
+    def front_steer(self, observation: Matrix) -> Matrix:
+        steps = self._steps.of(len(observation))[:, 0]
+        angle: Matrix = self._sign * self._law(None, None, steps * self._timestep, self._numbers, None)
+        steps += 1.0
+        return angle
 
 
 def weighted_sum(observation: Matrix, weights: Matrix) -> Matrix:

@@ -21,6 +21,8 @@ from __future__ import annotations
 
 import abc
 import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.interpolate
@@ -32,6 +34,7 @@ from bicycle_env.control.design.observation_map import Matrix
 from bicycle_env.control.driver import DRIVERS, Driver
 from bicycle_env.control.policy import Array, Plant, Policy
 from bicycle_env.control.remembered import Remembered
+from bicycle_env.physics.elementary import NUMPY
 from bicycle_env.physics.validation import choice, number, positive
 from bicycle_env.physics.vehicle import Vehicle
 
@@ -196,20 +199,63 @@ class Sano(RearLaw):
 
     name = "sano"
     points = ((0.0, 0.0), (9.0, 1.5), (17.0, 0.0), (30.0, -5.3))
-    """Front and rear angle, degrees; odd, and constant beyond the last."""
+    """Front and rear angle, degrees; odd, and constant beyond the last.
+
+    Attributes: ``pieces`` of the curve: (begin, coefficients of 1, x - begin, ...) of each; its ``last`` angle, rad.
+    """
 
     def __init__(self, plant: Plant) -> None:
         super().__init__(plant)
         front, rear = np.radians(self.points).T
-        self._last = front[-1]
-        self._curve = scipy.interpolate.PchipInterpolator(
-            np.append(-front[:0:-1], front), np.append(-rear[:0:-1], rear)
-        )
-        self.ratio = float(self._curve(0.0, 1))
+        whole = scipy.interpolate.PchipInterpolator(np.append(-front[:0:-1], front), np.append(-rear[:0:-1], rear))
+        self.ratio = float(whole(0.0, 1))
+        pieces = range(len(front) - 1, len(whole.x) - 1)
+        self.pieces = tuple((float(whole.x[k]), *whole.c[::-1, k].tolist()) for k in pieces)
+        self.last = float(front[-1])
+        self._curve = self.curve(NUMPY)
+
+    def curve(self, xp: Any) -> Callable[[Any], Any]:
+        """The law ``(front steer) -> rear steer``, rad."""
+
+        def curve(front_steer: Any) -> Any:
+            size = xp.minimum(abs(front_steer), self.last)
+            angle = 0.0 * size
+            for begin, *coefficients in self.pieces:
+                since = size - begin
+                power, value = 1.0 + 0.0 * since, 0.0 * since
+                for coefficient in coefficients:
+                    value, power = value + coefficient * power, power * since
+                angle = xp.where(since >= 0.0, value, angle)
+            return xp.where(front_steer < 0.0, -angle, angle)
+
+        return curve
 
     def rear_steer(self, front_steer: Matrix, yaw_rate: Matrix) -> Matrix:  # noqa: ARG002
-        angle: Matrix = self._curve(np.minimum(np.abs(front_steer), self._last))
-        return np.copysign(1.0, front_steer) * angle
+        angle: Matrix = self._curve(front_steer)
+        return angle
+
+
+class FilterNumbers(NamedTuple):
+    """Of :class:`ZeroSideslip` at a speed."""
+
+    at_once: Any
+    """-Cf/Cr."""
+    per_yaw_rate: Any
+    """k_r, s."""
+    gain: Any
+    """G, 1/s."""
+    rest: Any
+    """Of a deviation of r_m after a control step, per itself."""
+    mean_rest: Any
+    """Its mean over the control step."""
+
+
+def filtered(front_steer: Any, yaw_rate: Any, numbers: FilterNumbers) -> tuple[Any, Any]:
+    """(rear steer, r_m after the control step) from the front command [rad] and r_m before it [rad/s]."""
+    steady = numbers.gain * front_steer
+    away = yaw_rate - steady
+    rear = numbers.at_once * front_steer + numbers.per_yaw_rate * (steady + numbers.mean_rest * away)
+    return rear, steady + numbers.rest * away
 
 
 class ZeroSideslip(RearLaw):
@@ -228,23 +274,25 @@ class ZeroSideslip(RearLaw):
         super().__init__(plant)
         vehicle, speed = plant.vehicle, plant.speed
         self.ratio = zero_sideslip_ratio(vehicle, speed)
-        self._at_once = -vehicle.front_cornering_stiffness / vehicle.rear_cornering_stiffness
-        self._per_yaw_rate = zero_sideslip_yaw_rate_gain(vehicle, speed)
-        self._gain, time_constant = zero_sideslip_yaw_rate(vehicle, speed)
+        gain, time_constant = zero_sideslip_yaw_rate(vehicle, speed)
         elapsed = plant.action_timestep / time_constant
-        self._rest = math.exp(-elapsed)
-        self._mean_rest = -math.expm1(-elapsed) / elapsed
+        self.numbers = FilterNumbers(
+            -vehicle.front_cornering_stiffness / vehicle.rear_cornering_stiffness,
+            zero_sideslip_yaw_rate_gain(vehicle, speed),
+            gain,
+            math.exp(-elapsed),
+            -math.expm1(-elapsed) / elapsed,
+        )
         self._yaw_rate = Remembered(1)
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         self._yaw_rate.reset(rows)
 
     def rear_steer(self, front_steer: Matrix, yaw_rate: Matrix) -> Matrix:  # noqa: ARG002
-        steady = self._gain * front_steer
         model = self._yaw_rate.of(len(front_steer))[:, 0]
-        away = model - steady
-        model[:] = steady + self._rest * away
-        return self._at_once * front_steer + self._per_yaw_rate * (steady + self._mean_rest * away)
+        rear: Matrix
+        rear, model[:] = filtered(front_steer, model, self.numbers)
+        return rear
 
 
 class YawRate(RearLaw):

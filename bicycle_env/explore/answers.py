@@ -1,4 +1,4 @@
-"""What the page asks Python: gains for any car, and the phase plane's steady turns, edges and recoverable set."""
+"""What the page asks Python: controllers for any car, and the phase plane's steady turns, edges and recoverable set."""
 
 from __future__ import annotations
 
@@ -7,19 +7,22 @@ import json
 import threading
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from bicycle_env import analysis
+from bicycle_env.control.driver import Preview
+from bicycle_env.control.four_wheel_steer import REAR_LAWS
 from bicycle_env.control.registry import make
 from bicycle_env.explore.linear import BODY
+from bicycle_env.explore.steering import numbers_of
 from bicycle_env.export import task
 from bicycle_env.export.command import Uncompiled
 from bicycle_env.files import number_in, one_of, parse_json, table
 from bicycle_env.physics import tires
-from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.actuators import FRONT, REAR, Actuator
 from bicycle_env.physics.presets import resolve_vehicle, vehicles
 from bicycle_env.physics.validation import RANGES
 from bicycle_env.physics.vehicle import UnitWarning, Vehicle
@@ -38,13 +41,19 @@ DIGITS = 4
 MOST_KNOWN = 64
 LARGEST = 4096
 """Bytes of a question."""
+DESIGNED = ("lqr", *REAR_LAWS, Preview.name, *(f"{Preview.name}+{law}" for law in REAR_LAWS))
+"""What is designed for a car and a speed: LQR, the laws of the rear wheels, the driver who looks ahead with them."""
+ACTUATOR = table({field: number_in(*RANGES[field]) for field in ("angle_limit", "time_constant")})
 QUESTION = table(
-    {"ask": one_of(("lqr", "portrait", "recoverable")), "vehicle": one_of(vehicles), "speed": number_in(0.1, 200.0)},
+    {"ask": one_of(("design", "portrait", "recoverable")), "vehicle": one_of(vehicles), "speed": number_in(0.1, 200.0)},
     {
         "changes": table({}, {field: number_in(*RANGES["mass"]) for field in BODY[:6]}),
         "tire": one_of(tires.LAWS),
         "friction": number_in(0.05, 2.0),
         "steer": one_of(STEER_MODES),
+        "policy": one_of(DESIGNED),
+        "front_actuator": ACTUATOR,
+        "rear_actuator": ACTUATOR,
     },
 )
 
@@ -80,8 +89,12 @@ class Answers:
         arguments = (vehicle, asked["speed"])
         road = (asked.get("tire", "fiala"), asked.get("friction", 1.0))
         steer = asked.get("steer", "both")
-        if asked["ask"] == "lqr":
-            found: Any = lqr(*arguments, steer)
+        actuators = tuple(
+            dataclasses.replace(usual, **asked.get(f"{axle}_actuator", {}))
+            for axle, usual in (("front", FRONT), ("rear", REAR))
+        )
+        if asked["ask"] == "design":
+            found: Any = design(*arguments, asked.get("policy", "lqr"), steer, actuators)
         else:
             with self._guard:
                 self._newest += 1
@@ -97,7 +110,7 @@ class Answers:
                     found = (
                         portrait(*arguments, *road)
                         if asked["ask"] == "portrait"
-                        else recoverable(*arguments, *road, steer, check)
+                        else recoverable(*arguments, *road, steer, check, actuators)
                     )
                 except analysis.IntractableError as error:
                     raise ValueError(str(error)) from None
@@ -114,12 +127,26 @@ def configuration(**keywords: Any) -> Any:
     return task.configuration_of(ENV_ID, **keywords)
 
 
-def lqr(vehicle: Vehicle, speed: float, steer: str) -> list[list[float]]:
-    """(axles, entries): what LQR multiplies an observation by."""
-    plant = Uncompiled(configuration(vehicle=vehicle, speed=speed, steer=steer))
-    policy: Any = make("lqr", plant)
-    found: list[list[float]] = policy.matrix.T.tolist()
-    return found
+def design(
+    vehicle: Vehicle, speed: float, policy: str, steer: str = "both", actuators: Sequence[Actuator] = (FRONT, REAR)
+) -> dict[str, Any]:
+    """One of DESIGNED in numbers.
+
+    ``weights`` (axles, entries): what an observation is multiplied by to be the action; ``delay``: so many control
+    steps later; ``rear``: the numbers of a law of the rear wheels.
+    """
+    front, rear = actuators
+    given = {"vehicle": vehicle, "speed": speed, "steer": steer, "front_actuator": front, "rear_actuator": rear}
+    plant = Uncompiled(configuration(**given))
+    if policy in REAR_LAWS:
+        return {"rear": numbers_of(REAR_LAWS[policy](plant))}
+    made: Any = make(policy, plant)
+    if policy == "lqr":
+        return {"weights": made.matrix.T.tolist()}
+    driver, law = (made, None) if policy == Preview.name else (made.driver, made.law)
+    weights = driver.weights / front.angle_limit
+    found = {"weights": [weights.tolist()], "delay": driver.delay_steps}
+    return found if law is None else {**found, "rear": numbers_of(law)}
 
 
 def portrait(vehicle: Vehicle, speed: float, tire: str, friction: float) -> dict[str, Any]:
@@ -153,7 +180,13 @@ def _thinned(points: Any) -> list[list[float]]:
 
 
 def recoverable(
-    vehicle: Vehicle, speed: float, tire: str, friction: float, steer: str, progress: Callable[[float], None]
+    vehicle: Vehicle,
+    speed: float,
+    tire: str,
+    friction: float,
+    steer: str,
+    progress: Callable[[float], None],
+    actuators: Sequence[Actuator] = (FRONT, REAR),
 ) -> dict[str, Any]:
     """From which states some steering brings the car back: rows of yaw rates, each a row of bits in hexadecimal."""
     found = analysis.recoverable_set(
@@ -162,7 +195,7 @@ def recoverable(
         tire=tire,
         friction=friction,
         steer=steer,
-        steer_limits=(FRONT.angle_limit, REAR.angle_limit),
+        steer_limits=(actuators[0].angle_limit, actuators[1].angle_limit),
         grid=(NODES, NODES),
         progress=progress,
     )

@@ -9,12 +9,25 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from bicycle_env.control.four_wheel_steer import REAR_LAWS, Sano
 from bicycle_env.control.pretrained import load_policy
-from bicycle_env.explore import linear
-from bicycle_env.explore.answers import ENV_ID, GUST, STEER_MODES, configuration, lqr, portrait, recoverable
+from bicycle_env.explore import linear, steering
+from bicycle_env.explore.answers import (
+    DESIGNED,
+    ENV_ID,
+    GUST,
+    STEER_MODES,
+    configuration,
+    design,
+    portrait,
+    recoverable,
+)
+from bicycle_env.explore.field import FIELD_HALF_WIDTH, AnyWidth
 from bicycle_env.export import javascript, policy, task
+from bicycle_env.export.command import Uncompiled
 from bicycle_env.export.routines import Argument, Library, Routine
 from bicycle_env.physics import tires
+from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.car import CarParameters
 from bicycle_env.physics.lateral import Axles
 from bicycle_env.physics.presets import resolve_vehicle, vehicles
@@ -39,16 +52,25 @@ def page(names: Sequence[str] = tuple(vehicles), served: bool = False) -> dict[s
     """
     found = {path.name: path.read_bytes() for path in sorted(FOLDER.iterdir()) if path.is_file()}
     found["linear.mjs"] = javascript.module(linear.library()).encode()
+    sano = Sano(Uncompiled(configuration()))
+    found["steering.mjs"] = javascript.module(steering.library(sano)).encode()
     for tire in tires.LAWS:
-        found[f"task_{tire}.mjs"] = javascript.module(traced(tire)).encode()
+        for relaxed in (False, True):
+            made = traced(tire, relaxed)
+            found[f"{made.name}.mjs"] = javascript.module(made).encode()
     found["policy.mjs"] = policy.javascript_module(load_policy(ENV_ID), "policy").encode()
     found["data.mjs"] = f"export const data = {json.dumps(data(names, served), allow_nan=False)};\n".encode()
     return found
 
 
-def traced(tire: str) -> Library:
-    """The environment on a tire, with a gust, and the forces of its axles."""
-    made = configuration(tire=tire, disturbances=({**GUST, "force": 0.0, "side": "left"},))
+def traced(tire: str, relaxed: bool = False) -> Library:
+    """The environment on a tire, with a gust, and the forces of its axles; `relaxed`: tires take a way to answer."""
+    made = configuration(
+        task=AnyWidth(),
+        tire=tire,
+        relaxation_length=0.5 if relaxed else None,
+        disturbances=({**GUST, "force": 0.0, "side": "left"},),
+    )
     axles = Routine(
         "axles",
         "Slip angles and lateral forces of both axles in a state, and the accelerations that they cause.",
@@ -56,12 +78,12 @@ def traced(tire: str) -> Library:
         (Argument("acting", Axles, "axle_forces"),),
         lambda xp: made.model.axles(xp, False),
     )
-    library = task.library(made, ENV_ID, f"task_{tire}")
+    library = task.library(made, ENV_ID, f"task_{tire}{'_relaxed' if relaxed else ''}")
     return dataclasses.replace(library, routines=(*library.routines, axles))
 
 
 def data(names: Sequence[str], served: bool) -> dict[str, Any]:
-    """What is no traced law: the presets, LQR's gains at each of their speeds, and the words for all of it."""
+    """What is no traced law: the presets, what is designed for each of their speeds, and the words for all of it."""
     network = load_policy(ENV_ID)
     usual = configuration(**network.description["env_keywords"])
     there = speed_in_words(usual.vehicle, usual.speed)
@@ -69,7 +91,8 @@ def data(names: Sequence[str], served: bool) -> dict[str, Any]:
         "env_id": ENV_ID,
         "served": served,
         "tires": list(tires.LAWS),
-        "half_width": usual.task.road_half_width,
+        "half_width": {"lane": usual.task.road_half_width, "field": FIELD_HALF_WIDTH},
+        "actuators": {"front": dataclasses.asdict(FRONT), "rear": dataclasses.asdict(REAR)},
         "observation_names": [entry.name for entry in usual.observation_entries],
         "gust": GUST,
         "words": {"kinds": KINDS, "stability": STABILITY, "speed": SPEED, "ratio": SPEED_RATIO},
@@ -88,7 +111,7 @@ def _preset(name: str, served: bool) -> dict[str, Any]:
         "source": vehicle.source,
         "body": {field: getattr(vehicle, field) for field in linear.BODY},
         "critical_speed": None if math.isinf(critical) else critical,
-        "points": [_point(name, STEER_MODES[:1] if served else STEER_MODES, **words) for words in given],
+        "points": [_point(name, served, **words) for words in given],
         "exported": None
         if served
         else {
@@ -99,8 +122,12 @@ def _preset(name: str, served: bool) -> dict[str, Any]:
     }
 
 
-def _point(name: str, modes: Sequence[str], **words: float) -> dict[str, Any]:
-    """`words`: the speed, or its ratio to the critical one, as the environments take them; `modes`: of steering."""
+def _point(name: str, served: bool, **words: float) -> dict[str, Any]:
+    """`words`: the speed, or its ratio to the critical one, as the environments take them."""
     speed = configuration(vehicle=name, **words).speed
-    gains = {steer: lqr(resolve_vehicle(name), speed, steer) for steer in modes}
-    return {**words, "metres_per_second": speed, "lqr": gains}
+    vehicle = resolve_vehicle(name)
+    # What a server is there to be asked is left out, but for what most visitors want to see follow the slider at once.
+    modes, others = (STEER_MODES[:1], REAR_LAWS) if served else (STEER_MODES, DESIGNED[1:])
+    designs = {f"lqr {steer}": design(vehicle, speed, "lqr", steer) for steer in modes}
+    designs |= {policy: design(vehicle, speed, policy) for policy in others}
+    return {**words, "metres_per_second": speed, "designs": designs}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any, NamedTuple
 
 from bicycle_env.analysis import linear_laws
 from bicycle_env.export.routines import Argument, Library, Routine
-from bicycle_env.physics.actuators import FRONT, REAR
+from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.car import CarParameters, car_on_road
 from bicycle_env.physics.records import record_of
 from bicycle_env.physics.vehicle import Vehicle, critical_speed, yaw_stiffness
@@ -20,6 +21,8 @@ BODY = (
 DERIVED = ("wheelbase", "front_axle_load", "rear_axle_load", "front_extent", "rear_extent")
 Body: Any = type("Body", (record_of("Body", BODY),), {name: getattr(Vehicle, name) for name in DERIVED})
 """A vehicle of numbers or symbols, with what a ``Vehicle`` derives from its fields without a choice."""
+Wheels: Any = record_of("Wheels", tuple(field.name for field in dataclasses.fields(Actuator)))
+"""An actuator of numbers or symbols."""
 RESPONSES = tuple((axle, output) for axle in ("front", "rear") for output in ("lateral_acceleration", "yaw_rate"))
 
 
@@ -50,10 +53,14 @@ def library() -> Library:
     routines = (
         Routine(
             "on_road",
-            "The car at a speed [m/s], with the usual actuators, on a road of this friction.",
-            (vehicle, speed, Argument("friction")),
+            "The car at a speed [m/s] on a road of this friction, its actuators, its tires' relaxation length [m].",
+            (
+                *(vehicle, speed, Argument("friction")),
+                *(Argument("front", Wheels, "actuator"), Argument("rear", Wheels, "actuator")),
+                Argument("relaxation_length"),
+            ),
             (Argument("placed", CarParameters, "car"),),
-            lambda _: lambda vehicle, speed, friction: car_on_road(vehicle, speed, friction, FRONT, REAR),
+            lambda _: car_on_road,
         ),
         Routine(
             "straight",

@@ -20,6 +20,7 @@ from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.physics.records import record_of
 from bicycle_env.tasks.control_step import parts, transition
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
+from bicycle_env.tasks.task import Task
 
 STARTS, STEPS = 4, 6
 """Of the test vectors: episodes, and steps of each at which a vector is taken."""
@@ -60,8 +61,8 @@ class Outcome(NamedTuple):
     cost: Any
 
 
-def configuration_of(env_id: str, **keywords: Any) -> Configuration:
-    """What ``gym.make(env_id, **keywords)`` would be made of; nothing is compiled.
+def configuration_of(env_id: str, task: Task | None = None, **keywords: Any) -> Configuration:
+    """What ``gym.make(env_id, **keywords)`` would be made of; nothing is compiled. `task`: in place of the id's own.
 
     Raises:
         ValueError, TypeError: an unknown id, or one of another package; a bad keyword.
@@ -73,7 +74,7 @@ def configuration_of(env_id: str, **keywords: Any) -> Configuration:
     made: Any = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
     if not hasattr(made, "default_task"):
         raise ValueError(f"env_id must be an environment of this package, got {env_id!r}")
-    origin = origin_of(made.default_task, {**spec.kwargs, **keywords})
+    origin = origin_of(task or made.default_task, {**spec.kwargs, **keywords})
     return configure(origin.task, origin.setup, spec.max_episode_steps)
 
 

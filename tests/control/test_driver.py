@@ -10,7 +10,7 @@ from combinations import ON_ROADS, only_all
 from bicycle_env import analysis, vehicles
 from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.control.design.path import path_ahead
-from bicycle_env.control.driver import DRIVERS, Preview, Stanley, held_control
+from bicycle_env.control.driver import DRIVERS, Preview, Scripted, Stanley, held_control
 from bicycle_env.physics.actuators import Actuator
 
 IDS = list(ON_ROADS)
@@ -39,6 +39,33 @@ def random_observations(env, cars, seed=0):
 def steer_of(driver, observation):
     """The wanted front angle of one observation, rad, before the limits."""
     return driver.front_steer(np.atleast_2d(observation))[0]
+
+
+# What is scripted
+
+
+def test_a_script_is_steered_by_each_car_from_its_own_start_on():
+    env = plant(steer="front")
+    policy = Scripted(env, {"name": "step", "angle": 0.02, "start": 0.05, "side": "right"})
+    straight, turned = 0.0, np.float32(-0.02 / env.front_actuator.angle_limit)
+    observations = np.zeros((2, len(env.observation_names)), np.float32)
+    actions = []
+    for k in range(7):
+        if k == 4:
+            policy.reset(np.array([False, True]))
+        actions.append(policy.act(observations)[:, 0].tolist())
+    first, second = zip(*actions, strict=True)
+    assert first == (straight,) * 3 + (turned,) * 4  # at 0, 20, 40 ms
+    assert second == (straight,) * 3 + (turned,) + (straight,) * 3
+
+
+@pytest.mark.parametrize(
+    ("manoeuvre", "complaint"),
+    [(None, "needs no eyes"), ("preview", "needs no eyes"), ("step", "side must be"), ({"name": "steps"}, "name")],
+)
+def test_a_script_that_is_none(manoeuvre, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        Scripted(plant(), manoeuvre)
 
 
 # The previewed optimum

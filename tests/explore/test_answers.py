@@ -7,9 +7,9 @@ import threading
 import numpy as np
 import pytest
 
-from bicycle_env import analysis, vehicles
+from bicycle_env import analysis, control, vehicles
 from bicycle_env.explore import answers
-from bicycle_env.explore.answers import Answers, SupersededError, lqr
+from bicycle_env.explore.answers import Answers, SupersededError, design
 
 
 def asked(**question):
@@ -17,10 +17,21 @@ def asked(**question):
 
 
 def test_gains_of_a_changed_car():
-    question = asked(ask="lqr", changes={"mass": 1700.0}, steer="rear")
+    question = asked(ask="design", changes={"mass": 1700.0}, steer="rear")
     found = json.loads(Answers().answer(question))
-    assert found == lqr(dataclasses.replace(vehicles["oversteer"], mass=1700.0), 43.0, "rear")
-    assert np.shape(found) == (1, 8)
+    assert found == design(dataclasses.replace(vehicles["oversteer"], mass=1700.0), 43.0, "lqr", "rear")
+    assert np.shape(found["weights"]) == (1, 8)
+
+
+@pytest.mark.parametrize("policy", answers.DESIGNED)
+def test_what_is_designed_knows_the_actuators_that_it_needs(policy):
+    usual = json.loads(Answers().answer(asked(ask="design", policy=policy)))
+    slow = {"angle_limit": 0.08, "time_constant": 0.2}
+    found = json.loads(Answers().answer(asked(ask="design", policy=policy, front_actuator=slow)))
+    assert found.get("rear") == usual.get("rear")
+    assert ("weights" in found) == (policy not in control.REAR_LAWS)
+    assert "weights" not in found or found["weights"] != usual["weights"]
+    assert found.get("delay") == (10 if policy.startswith("preview") else None)
 
 
 def test_steady_turns_and_edges_are_those_of_analysis():
@@ -53,12 +64,14 @@ def test_the_recoverable_set_is_that_of_analysis():
         (b"[" * 3000, "question"),
         (b" " * 5000, "must not be larger"),
         (asked(ask="everything"), "ask"),
-        (asked(ask="lqr", vehicle="../../secret"), "vehicle"),
-        (asked(ask="lqr", path="x"), "path"),
-        (asked(ask="lqr", changes={"name": 1.0}), "name"),
-        (asked(ask="lqr", changes={"mass": -1.0}), "mass"),
-        (asked(ask="lqr", speed=1e9), "speed"),
+        (asked(ask="design", vehicle="../../secret"), "vehicle"),
+        (asked(ask="design", path="x"), "path"),
+        (asked(ask="design", changes={"name": 1.0}), "name"),
+        (asked(ask="design", changes={"mass": -1.0}), "mass"),
+        (asked(ask="design", speed=1e9), "speed"),
         (asked(ask="recoverable", steer="none"), "steer"),
+        (asked(ask="design", policy="secret"), "policy"),
+        (asked(ask="design", front_actuator={"angle_limit": 0.1, "time_constant": 0.0}), "time_constant"),
     ],
 )
 def test_a_bad_question_is_one_line(question, complaint):
@@ -79,7 +92,7 @@ def test_an_answer_is_remembered_and_an_old_one_forgotten(monkeypatch):
 def test_a_newer_question_ends_the_older_ones_and_one_is_at_work_at_a_time(monkeypatch):
     begun, at_work, most, ended = threading.Event(), [], [], []
 
-    def long(vehicle, speed, tire, friction, steer, progress):
+    def long(vehicle, speed, tire, friction, steer, progress, actuators):
         at_work.append(speed)
         most.append(len(at_work))
         try:
@@ -109,7 +122,7 @@ def test_a_newer_question_ends_the_older_ones_and_one_is_at_work_at_a_time(monke
 
 
 def test_nobody_waits_any_more(monkeypatch):
-    monkeypatch.setattr(answers, "recoverable", lambda *given: given[-1](0.1))
+    monkeypatch.setattr(answers, "recoverable", lambda *given: given[-2](0.1))
     with pytest.raises(SupersededError):
         Answers().answer(asked(ask="recoverable"), lambda: True)
 

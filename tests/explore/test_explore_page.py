@@ -12,7 +12,8 @@ import pytest
 
 import bicycle_env
 from bicycle_env import analysis, control, explore
-from bicycle_env.explore.answers import configuration, lqr, portrait, recoverable
+from bicycle_env.explore import answers
+from bicycle_env.explore.answers import configuration, design, portrait, recoverable
 from bicycle_env.explore.content import FOLDER
 from bicycle_env.explore.server import POLICY
 from bicycle_env.export.command import Uncompiled
@@ -39,10 +40,11 @@ def test_the_speeds_are_those_of_the_environments(files):
 @pytest.mark.parametrize(("name", "k"), [("oversteer", 18), ("civic", 7)])
 def test_the_gains_are_those_of_the_controller(name, k, files):
     point = data_of(files)["presets"][name]["points"][k]
-    for steer, gains in point["lqr"].items():
-        plant = Uncompiled(configuration(vehicle=name, speed=point["metres_per_second"], steer=steer))
-        np.testing.assert_allclose(np.array(gains).T, control.make("lqr", plant).matrix, rtol=1e-9, atol=1e-12)
-    assert "both" in point["lqr"]
+    plant = Uncompiled(configuration(vehicle=name, speed=point["metres_per_second"]))
+    gains = np.array(point["designs"]["lqr both"]["weights"])
+    np.testing.assert_allclose(gains.T, control.make("lqr", plant).matrix, rtol=1e-9, atol=1e-12)
+    law = control.REAR_LAWS["yaw-rate"](plant)
+    assert point["designs"]["yaw-rate"]["rear"] == {"ratio": law.ratio, "yaw_rate_gain": law.yaw_rate_gain}
 
 
 def test_the_page_asks_no_other_host_and_finds_its_parts():
@@ -50,36 +52,39 @@ def test_the_page_asks_no_other_host_and_finds_its_parts():
     assert not re.findall(r"https?:|//\w+\.\w+", "".join(texts.values()))
     assert f'content="{POLICY}"' in texts["index.html"]
     ids = set(re.findall(r' id="(\w+)"', texts["index.html"]))
-    wanted = set(re.findall(r'\bat\("(\w+)"\)', texts["main.mjs"] + texts["views.mjs"]))
+    wanted = set(re.findall(r'\bat\("(\w+)"\)', "".join(texts.values())))
     assert len(wanted) > 25
     assert wanted <= ids
-    laws = "".join(texts[name] for name in ("simulation.mjs", "car.mjs", "hand.mjs"))
+    laws = "".join(texts[name] for name in ("simulation.mjs", "car.mjs", "hand.mjs", "drivers.mjs", "designs.mjs"))
     assert not re.findall(r"Math\.(sin|tan|cos|atan|exp|log|sqrt)\(", laws), "a law beside the traced ones"
 
 
 SCRIPT = """
-import { asPython, fromHash, toHash, ending, DEGREE } from "./choices.mjs";
+import { fromHash, toHash, ending, DEGREE, moduleOf, placeOf, SIDES } from "./choices.mjs";
 import { bodyOf, pointsOf, speedInWords, stabilityInWords, straight } from "./car.mjs";
 import { data } from "./data.mjs";
+import { driver } from "./drivers.mjs";
 import { Hand } from "./hand.mjs";
-import { driver, grid, orbit, placed, run, started } from "./simulation.mjs";
+import { asPython } from "./python.mjs";
+import { grid, orbit, placed, run, started } from "./simulation.mjs";
 import * as fs from "node:fs";
-const { hash, stable, gains } = JSON.parse(fs.readFileSync("given.json"));
+const { hash, stable, designs } = JSON.parse(fs.readFileSync("given.json"));
 const { chosen, complaints } = fromHash(data, hash);
-const task = await import(`./task_${chosen.tire}.mjs`);
+const task = await import(`./${moduleOf(chosen)}.mjs`);
 const body = bodyOf(data, chosen), point = pointsOf(data, chosen)[chosen.point], speed = point.metres_per_second;
-const world = placed(task, body, speed, chosen), found = straight(body, speed);
+const world = placed(task, body, speed, placeOf(data, chosen)), found = straight(body, speed);
 const start = [chosen.sideslip * DEGREE, chosen.yaw_rate * DEGREE];
 const hand = new Hand(world.rules.control_timestep);
 hand.press("ArrowLeft", true);
-const setting = { ...chosen, hand, gains: point.lqr?.[chosen.steer] ?? gains, names: data.observation_names };
-const runs = [chosen.left, chosen.right].map((word) => {
-  const who = driver(word, setting);
+const design = (name) => ({ found: designs[name] ?? point.designs?.[name] });
+const setting = { steer: chosen.steer, angle: chosen.angle * DEGREE, hand, design, names: data.observation_names };
+const runs = SIDES.map((side) => {
+  const who = driver(chosen[side], { ...setting, rear: chosen[`${side}_rear`] });
   return who.why ? { why: who.why } : run(world, who, ...start);
 });
 const box = { sideslip: 0.5, yawRate: 1.2 };
 console.log(JSON.stringify({
-  chosen, complaints, endings: runs.map(ending), hash: toHash(data, chosen), speed,
+  chosen, complaints, endings: runs.map((one) => ending(one, chosen.area)), hash: toHash(data, chosen), speed,
   runs: runs.map(({ why, columns, end, settledAfter }) => ({ why, columns, end, settledAfter })),
   python: asPython(data, chosen, started(world, ...start).state, hand.steered),
   orbits: grid(box, 3).map((start) => orbit(world, stable, box, ...start, 1)),
@@ -87,9 +92,9 @@ console.log(JSON.stringify({
 """
 
 
-def in_node(folder, hash, stable=False, gains=None):
+def in_node(folder, hash, stable=False, designs=None):
     (folder / "script.mjs").write_text(SCRIPT)
-    (folder / "given.json").write_text(json.dumps({"hash": hash, "stable": stable, "gains": gains}))
+    (folder / "given.json").write_text(json.dumps({"hash": hash, "stable": stable, "designs": designs or {}}))
     done = subprocess.run([NODE, "script.mjs"], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -99,27 +104,55 @@ OVERSTEER = "vehicle=oversteer&tire=fiala"
 HASHES = (
     f"{OVERSTEER}&friction=0.9&left=lqr&right=policy&sideslip=8&yaw_rate=20&recoverable=off&speed_ratio=1.2",
     "vehicle=civic&tire=linear&friction=1&left=nobody&right=lqr&sideslip=-3&yaw_rate=0&recoverable=off&speed=40",
-    f"{OVERSTEER}&friction=1&gust=-2000&left=you&right=policy&rear=policy&sideslip=1&yaw_rate=0&recoverable=off&speed_ratio=1.2",
+    f"{OVERSTEER}&friction=1&gust=-2000&left=you&right=policy&left_rear=policy&sideslip=1&yaw_rate=0&recoverable=off&speed_ratio=1.2",
 )
 CHANGED = (
     "vehicle=oversteer&mass=120&cg_to_front=95&rear_cornering_stiffness=90&tire=tanh&friction=0.8&steer=front&gust=1500"
     "&left=you&right=lqr&sideslip=2&yaw_rate=-5&recoverable=off&speed=38.5"
 )
+STRAIGHT = "sideslip=0&yaw_rate=0&recoverable=off&speed_ratio=1.2"
+ACTUATORS = "front_angle_limit=5&front_rate_limit=30&rear_rate_limit=20&rear_time_constant=80"
+DRIVEN = (
+    f"{OVERSTEER}&friction=1&left=step&left_rear=yaw-rate&right=sine_with_dwell&right_rear=zero-sideslip&angle=-1.25"
+    f"&{ACTUATORS}&{STRAIGHT}",
+    f"{OVERSTEER}&friction=1&left=you&left_rear=speed-dependent&right=preview&right_rear=sano&rear_angle_limit=4"
+    f"&{STRAIGHT.replace('sideslip=0', 'sideslip=2')}",
+)
+FIELD = (
+    f"{OVERSTEER}&friction=0.8&area=field&relaxation_length=0.4&left=sine_with_dwell&right=step&right_rear=sano&angle=3"
+    f"&{STRAIGHT}"
+)
+NAMES = {
+    **{"nobody": "zero", "sine_with_dwell": "sine-with-dwell"},
+    "policy": bicycle_env.load_policy("BicycleStab-v0").name,
+}
+"""What the page's words are called in Python, where it is another word."""
 
 
 def parts_of(hash):
     return dict(pair.split("=") for pair in hash.split("&"))
 
 
-@needs_node
-@pytest.mark.parametrize("hash", [*HASHES, pytest.param(CHANGED, marks=pytest.mark.exhaustive)])
-def test_the_runs_are_the_environments_and_the_python_runs(hash, folder, capsys):
-    """To rounding: the environment's multiply-add rounds once, and a network sums in single precision."""
-    gains = None
+def designs_for(hash):
+    """What the server would be asked for by these addresses."""
     if hash == CHANGED:
         changes = {"mass": 1800.0, "cg_to_front": 1.33, "rear_cornering_stiffness": 81000.0}
-        gains = lqr(dataclasses.replace(bicycle_env.vehicles["oversteer"], **changes), 38.5, "front")
-    found = in_node(folder, f"#{hash}", gains=gains)
+        car = dataclasses.replace(bicycle_env.vehicles["oversteer"], **changes)
+        return {"lqr front": design(car, 38.5, "lqr", "front")}
+    if "preview" not in hash:
+        return {}
+    car = bicycle_env.vehicles["oversteer"]
+    limits = (answers.FRONT, dataclasses.replace(answers.REAR, angle_limit=math.radians(4.0)))
+    return {"preview+sano": design(car, 1.2 * car.critical_speed, "preview+sano", "both", limits)}
+
+
+@needs_node
+@pytest.mark.parametrize(
+    "hash", [*HASHES, *DRIVEN, *(pytest.param(one, marks=pytest.mark.exhaustive) for one in (CHANGED, FIELD))]
+)
+def test_the_runs_are_the_environments_and_the_python_runs(hash, folder, capsys):
+    """To rounding: the environment's multiply-add rounds once, and a network sums in single precision."""
+    found = in_node(folder, f"#{hash}", designs=designs_for(hash))
     assert found["complaints"] == []
     assert parts_of(found["hash"].removeprefix("#")) == parts_of(hash)
     chosen, names = found["chosen"], {}
@@ -129,22 +162,14 @@ def test_the_runs_are_the_environments_and_the_python_runs(hash, folder, capsys)
     assert env.unwrapped.speed == pytest.approx(found["speed"], rel=1e-15)
     assert start["lateral_velocity"] == pytest.approx(math.radians(chosen["sideslip"]) * found["speed"])
     assert start["yaw_rate"] == pytest.approx(math.radians(chosen["yaw_rate"]))
-    rear = {"nobody": "zero"}.get(chosen["rear"], chosen["rear"]) if chosen["steer"] == "both" else "zero"
-    wheel = [
-        float(text) for text in re.findall(r"Steered\(\[([^]]*)", found["python"])[-1:] for text in text.split(",")
-    ]
-
-    def by_name(word):
-        if word == "policy":
-            return bicycle_env.load_policy("BicycleStab-v0")
-        return control.make({"nobody": "zero"}.get(word, word), env.unwrapped)
-
-    drivers = {
-        word: names["Steered"](wheel, by_name(rear)) if word == "you" else by_name(word)
-        for word in (chosen["left"], chosen["right"])
-    }
+    policies = eval(
+        f"({re.search(r'for policy in [(](.*?)^[)]:', found['python'], re.DOTALL | re.MULTILINE)[1]})", names
+    )
+    drivers = dict(zip(("left", "right"), policies if len(policies) > 1 else 2 * policies, strict=True))
     for side, result, ending, line in zip(("left", "right"), found["runs"], found["endings"], said, strict=False):
-        driver, columns = drivers[chosen[side]], result["columns"]
+        driver, columns = drivers[side], result["columns"]
+        word, rear = NAMES.get(chosen[side], chosen[side]), chosen[f"{side}_rear"]
+        assert driver.name == (word if word == "you" or rear == "nobody" else f"{word}+{rear}")
         driver.reset()
         observation, _ = env.reset(options={"state": start})
         rows, over = [env.unwrapped.state], False
@@ -161,7 +186,8 @@ def test_the_runs_are_the_environments_and_the_python_runs(hash, folder, capsys)
         assert f" {env.unwrapped.state.time if info['end'] else result['settledAfter'] or 8.0:.2f} s" in ending
         assert (result["settledAfter"] is not None) == info["is_success"]
         assert str(env.unwrapped.state.time) in line
-    if "you" in drivers:
+    if chosen["left"] == "you":
+        wheel = drivers["left"].wheel
         assert len(wheel) == len(found["runs"][0]["columns"]["time"]) - 1
         assert max(wheel) > 0.0
 
@@ -228,7 +254,7 @@ def test_the_python_loads_a_policy_of_ones_own(folder, tmp_path, monkeypatch, ca
 @needs_node
 def test_who_cannot_drive_says_why(folder):
     found = in_node(folder, "#vehicle=oversteer&mass=110&steer=rear&left=you&right=lqr")
-    assert "by hand it is the front axle" in found["endings"][0]
+    assert "a driver has the front axle" in found["endings"][0]
     assert "start “bicycle-env explore”" in found["endings"][1]
     found = in_node(folder, "#vehicle=oversteer&steer=front&left=file&right=policy")
     assert "no policy file yet" in found["endings"][0]

@@ -20,6 +20,7 @@ NODE = shutil.which("node")
 FREQUENCIES = [0.1, 1.0, 7.0]
 SCRIPT = """
 import { bodyOf, eigenvalues, responses, rightZeros, speedInWords, stabilityInWords, straight } from "./car.mjs";
+import { placeOf, usual } from "./choices.mjs";
 import { data } from "./data.mjs";
 import { placed, stepResponse, wrongWay } from "./simulation.mjs";
 import * as task from "./task_linear.mjs";
@@ -27,7 +28,7 @@ import * as fs from "node:fs";
 const { cars, frequencies } = JSON.parse(fs.readFileSync("cars.json"));
 console.log(JSON.stringify(cars.map(({ percent, speed }) => {
   const body = bodyOf(data, { vehicle: "oversteer", ...percent }), found = straight(body, speed);
-  const world = placed(task, body, speed, { friction: 1, steer: "both", gust: 0 });
+  const world = placed(task, body, speed, placeOf(data, usual(data)));
   return {
     sentence: stabilityInWords(data, found), heading: speedInWords(data, speed, found.critical_speed),
     eigenvalues: eigenvalues(found), responses: responses(body, speed, frequencies), zeros: rightZeros(body, speed),

@@ -92,6 +92,6 @@ export function rightZeros(body, speed) {
   return found;
 }
 
-export function onRoad(car, body, speed, friction) {
-  linear.on_road(car, body, speed, friction);
+export function onRoad(car, body, speed, friction, { front, rear }, relaxationLength) {
+  linear.on_road(car, body, speed, friction, front, rear, relaxationLength);
 }

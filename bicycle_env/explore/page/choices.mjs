@@ -1,8 +1,12 @@
-// What is chosen on the page, as the address bar holds it, and as lines of Python.
-import { changes, isChanged, nearest, PARTS, PERCENT, pointsOf } from "./car.mjs";
+// What is chosen on the page, and how the address bar holds it.
+import { nearest, PARTS, PERCENT, pointsOf } from "./car.mjs";
+import { AT_FRONT, LAWS } from "./drivers.mjs";
 
 export const WHO = {
   nobody: "nobody (wheels straight)",
+  step: "a driver who turns the wheel at once",
+  sine_with_dwell: "a driver who swerves (sine with dwell)",
+  preview: "a driver who looks ahead",
   lqr: "LQR, a classical law",
   policy: "trained policy",
   file: "a policy file of yours",
@@ -10,22 +14,64 @@ export const WHO = {
 };
 const { you, ...OTHERS } = WHO;
 export { OTHERS }; // at the wheel of car B
-export const REAR = { nobody: WHO.nobody, lqr: WHO.lqr, policy: WHO.policy };
-export const STEER = { both: "front and rear axle", front: "front axle alone", rear: "rear axle alone" };
-const PYTHON_WHO = {
-  nobody: 'control.make("zero", env.unwrapped)',
-  lqr: 'control.make("lqr", env.unwrapped)',
-  policy: 'bicycle_env.load_policy("ENV_ID")',
-  file: 'control.load("policy")',
+export const BEHIND = {
+  nobody: "nobody (wheels straight)",
+  "yaw-rate": "yaw-rate feedback",
+  "zero-sideslip": "zero sideslip (a filter)",
+  "speed-dependent": "a ratio by speed",
+  sano: "Sano's: by steering angle",
+  lqr: WHO.lqr,
+  policy: WHO.policy,
 };
+export const EXPLAINED = {
+  nobody: "The rear wheels stay straight, as in most cars.",
+  "yaw-rate": "The rear wheels turn against the yaw that is measured, so that the car itself becomes stable; and with the front wheels (Toyota, 1991).",
+  "zero-sideslip": "After the front wheels alone: first against them, which starts the turn, then with them, so that the car does not slip sideways (the form of Nissan's, 1990).",
+  "speed-dependent": "The front wheels' angle times a ratio: against them when slow, with them when fast (Mazda, 1987).",
+  sano: "After the front wheels' angle: small ones with them, large ones against them (Honda, 1987). The same for every car and speed.",
+  lqr: "The rear half of LQR, which wants straight running.",
+  policy: "The rear half of the trained policy, which wants straight running.",
+};
+export const STEER = { both: "front and rear axle", front: "front axle alone", rear: "rear axle alone" };
+export const AREA = { lane: "a lane", field: "an open field" };
+export const DEGREE = Math.PI / 180;
+const RADIANS = (value) => value * DEGREE, SECONDS = (value) => value / 1000; // to the bit as Python has it
+// Of both axles' actuators: words, unit, to SI units, range and step.
+export const ACTUATORS = {
+  angle_limit: { words: "wheels turn at most", unit: "deg", inSI: RADIANS, least: 0.5, most: 12, step: 0.5 },
+  rate_limit: { words: "wheels turn at most so fast", unit: "deg/s", inSI: RADIANS, least: 1, most: 100, step: 1 },
+  time_constant: { words: "wheels lag behind", unit: "ms", inSI: SECONDS, least: 10, most: 300, step: 10 },
+};
+export const AXLES = ["front", "rear"];
+export const ACTUATOR_NAMES = AXLES.flatMap((axle) => Object.keys(ACTUATORS).map((field) => `${axle}_${field}`));
+export const SIDES = ["left", "right"];
+// What a number may be; `above`: or the least, or at least so much.
 export const NUMBERS = {
   friction: { least: 0.1, most: 1.2, words: "friction" },
   sideslip: { least: -25, most: 25, words: "sideslip [deg]" },
   yaw_rate: { least: -60, most: 60, words: "yaw rate [deg/s]" },
   gust: { least: -6000, most: 6000, words: "gust [N]" },
+  angle: { least: -6, most: 6, words: "driver's angle [deg]" },
+  relaxation_length: { least: 0, most: 1.2, above: 0.2, words: "relaxation length [m]" },
+  ...Object.fromEntries(AXLES.flatMap((axle) => Object.entries(ACTUATORS).map(([field, { least, most, unit }]) => [
+    `${axle}_${field}`, { least, most, words: `${axle} ${field.replace("_", " ")} [${unit}]` },
+  ]))),
   ...Object.fromEntries(Object.keys(PARTS).map((part) => [part, { ...PERCENT, words: `${part} [% of the preset's]` }])),
 };
-export const DEGREE = Math.PI / 180;
+const isAllowed = (value, { least, most, above = least }) => (value >= above && value <= most) || value === least;
+
+// In the units of the page.
+export const usualActuators = ({ actuators }) => Object.fromEntries(AXLES.flatMap((axle) =>
+  Object.entries(ACTUATORS).map(([field, { inSI }]) => [`${axle}_${field}`, Number((actuators[axle][field] / inSI(1)).toFixed(6))])));
+
+// { front, rear } in SI units.
+export const actuatorsOf = (chosen) => Object.fromEntries(AXLES.map((axle) => [
+  axle, Object.fromEntries(Object.entries(ACTUATORS).map(([field, { inSI }]) => [field, inSI(chosen[`${axle}_${field}`])])),
+]));
+
+// Whether what controllers are designed on, the angle limits and lags, is other than usual.
+export const isActuatorChanged = (data, chosen) => Object.entries(usualActuators(data))
+  .some(([name, value]) => !name.endsWith("rate_limit") && chosen[name] !== value);
 
 export function usual(data) {
   const vehicle = Object.keys(data.presets)[0];
@@ -33,13 +79,18 @@ export function usual(data) {
     vehicle,
     ...Object.fromEntries(Object.keys(PARTS).map((part) => [part, 100])),
     tire: "fiala",
+    relaxation_length: 0,
     point: nearest(data.presets[vehicle].points, usualSpeed(data.presets[vehicle])),
     friction: 1,
+    ...usualActuators(data),
     steer: "both",
+    area: "lane",
     gust: 0,
     left: "nobody",
     right: "lqr",
-    rear: "nobody",
+    left_rear: "nobody",
+    right_rear: "nobody",
+    angle: 2,
     sideslip: 4,
     yaw_rate: 0,
     recoverable: "on",
@@ -50,6 +101,28 @@ export function usual(data) {
 export const usualSpeed = ({ critical_speed: critical }) => (critical === null ? 30 : 1.2 * critical);
 
 export const speedOf = ({ speed_ratio, speed }) => speed_ratio ?? speed;
+
+// What is where the page's words stop: the world of `placed`.
+export const placeOf = (data, chosen) => ({
+  ...{ friction: chosen.friction, steer: chosen.steer, gust: chosen.gust, relaxation_length: chosen.relaxation_length },
+  ...{ actuators: actuatorsOf(chosen), half_width: data.half_width[chosen.area] },
+});
+
+// The traced module of a tire.
+export const moduleOf = ({ tire, relaxation_length }) => `task_${tire}${relaxation_length > 0 ? "_relaxed" : ""}`;
+
+// What may have the rear wheels beside a driver at the front ones: a hand may be helped by what wants straight running.
+export const behindFor = (who) => Object.fromEntries(Object.entries(BEHIND).filter(([name]) =>
+  who === "you" || name === "nobody" || LAWS.includes(name)));
+
+export const hasRear = (chosen, side) => chosen.steer === "both" && AT_FRONT.includes(chosen[side]);
+
+// What is chosen, without what makes no sense beside it.
+export function sensible(chosen) {
+  const found = { ...chosen };
+  for (const side of SIDES) if (!(chosen[`${side}_rear`] in behindFor(chosen[side]))) found[`${side}_rear`] = "nobody";
+  return found;
+}
 
 // What is as usual is left out, but for what is first asked of a link.
 export function toHash(data, chosen) {
@@ -69,8 +142,10 @@ export function fromHash(data, hash) {
     tire: data.tires,
     left: Object.keys(WHO),
     right: Object.keys(OTHERS),
-    rear: Object.keys(REAR),
+    left_rear: Object.keys(BEHIND),
+    right_rear: Object.keys(BEHIND),
     steer: Object.keys(STEER),
+    area: Object.keys(AREA),
     recoverable: ["on", "off"],
   };
   for (const [name, allowed] of Object.entries(words)) {
@@ -79,12 +154,12 @@ export function fromHash(data, hash) {
     if (allowed.includes(word)) chosen[name] = word;
     else complaints.push(`The address asks for ${name} “${word}”; there are ${allowed.join(", ")}.`);
   }
-  for (const [name, { least, most, words }] of Object.entries(NUMBERS)) {
-    const text = given.get(name);
+  for (const [name, range] of Object.entries(NUMBERS)) {
+    const text = given.get(name), { least, most, above, words } = range;
     if (text === null) continue;
     const value = Number(text);
-    if (text.trim() !== "" && value >= least && value <= most) chosen[name] = value;
-    else complaints.push(`The address asks for ${words} ${text}; it must be in ${least} to ${most}.`);
+    if (text.trim() !== "" && isAllowed(value, range)) chosen[name] = value;
+    else complaints.push(`The address asks for ${words} ${text}; it must be ${above ? `${least}, or ` : ""}in ${above ?? least} to ${most}.`);
   }
   const preset = data.presets[chosen.vehicle], points = pointsOf(data, chosen);
   const kind = points[0].speed_ratio === undefined ? "speed" : "speed_ratio";
@@ -95,102 +170,31 @@ export function fromHash(data, hash) {
     if (speedOf(points[chosen.point]) !== wanted)
       complaints.push(`The address asks for ${kind} ${given.get(kind)}; shown is ${speedOf(points[chosen.point])}.`);
   }
-  return { chosen, complaints };
+  const kept = sensible(chosen);
+  for (const side of SIDES) {
+    const rear = `${side}_rear`;
+    if (kept[rear] !== chosen[rear]) complaints.push(`The address asks for ${rear} “${chosen[rear]}”, which goes with you at the wheel only.`);
+  }
+  return { chosen: kept, complaints };
 }
 
-// What is at the wheels, in words; `file`: the name of the policy file, "" for none.
-export function whoInWords(word, chosen, file) {
+// What is at a side's wheels, in words; `file`: the name of the policy file, "" for none.
+export function whoInWords(side, chosen, file) {
+  const word = chosen[side];
   if (word === "file" && file) return `your policy (${file})`;
-  if (word === "you" && chosen.steer === "both") return `${you}; rear axle: ${REAR[chosen.rear]}`;
+  if (hasRear(chosen, side)) return `${WHO[word]}; rear wheels: ${BEHIND[chosen[`${side}_rear`]]}`;
   return WHO[word];
 }
 
-const float = (value) => (Number.isInteger(value) ? `${value}.0` : String(value));
-
-function gustInPython({ gust }, { start, duration, arm }) {
-  if (gust === 0) return "";
-  const side = gust > 0 ? "left" : "right";
-  const fields = { force: float(Math.abs(gust)), side: `"${side}"`, start: float(start), duration: float(duration), arm: float(arm) };
-  const words = Object.entries(fields).map(([name, value]) => `"${name}": ${value}`);
-  return `,\n    disturbances=[{"name": "gust", ${words.join(", ")}}]`;
-}
-
-const STEERED = `\
-class Steered(control.Policy):
-    """What was steered by hand, step after step; another policy at the rear axle."""
-
-    name = "you"
-
-    def __init__(self, wheel, rear):
-        self.wheel, self.rear = wheel, rear
-
-    def reset(self, rows=None):
-        self.step = 0
-        self.rear.reset()
-
-    def act(self, observation):
-        action = self.rear.act(observation)
-        action[0] = self.wheel[self.step] if self.step < len(self.wheel) else 0.0
-        self.step += 1
-        return action
-
-
-`;
-
-// Lines that reproduce what is shown; `start`: the state at the start; `wheel`: what was steered by hand.
-export function asPython(data, chosen, start, wheel = []) {
-  const point = pointsOf(data, chosen)[chosen.point], changed = Object.entries(changes(data, chosen));
-  const speed = point.speed_ratio === undefined ? `speed=${point.speed}` : `speed_ratio=${point.speed_ratio}`;
-  const state = ["heading", "lateral_velocity", "yaw_rate"].map((name) => `"${name}": ${start[name]}`).join(", ");
-  const rear = PYTHON_WHO[chosen.steer === "both" ? chosen.rear : "nobody"];
-  const made = (word) => (word === "you" ? `Steered([${wheel.join(", ")}], ${rear})` : PYTHON_WHO[word]);
-  const words = [...new Set([chosen.left, chosen.right])], hands = words.includes("you");
-  const replaced = changed.map(([part, value]) => `, ${part}=${float(value)}`).join("");
-  const vehicle = changed.length
-    ? `dataclasses.replace(bicycle_env.vehicles["${chosen.vehicle}"]${replaced})`
-    : `bicycle_env.vehicles["${chosen.vehicle}"]`;
-  const limits = "(env.unwrapped.front_actuator.angle_limit, env.unwrapped.rear_actuator.angle_limit)";
-  const recoverable = chosen.recoverable === "on"
-    ? `limits = ${limits}\nsaved = analysis.recoverable_set(\n    vehicle, speed, **road, steer="${chosen.steer}", steer_limits=limits, grid=(121, 121)\n)\n` +
-      `print(saved.contains(env.unwrapped.speed * ${chosen.sideslip * DEGREE}, ${chosen.yaw_rate * DEGREE}))\n`
-    : "";
-  return `\
-${isChanged(chosen) ? "import dataclasses\n\n" : ""}import gymnasium as gym
-
-import bicycle_env
-from bicycle_env import analysis, control
-
-${hands ? `\n${STEERED}` : ""}\
-vehicle = ${vehicle}
-road = dict(tire="${chosen.tire}", friction=${float(chosen.friction)})
-keywords = dict(vehicle=vehicle, ${speed}, steer="${chosen.steer}", **road${gustInPython(chosen, data.gust)})
-env = gym.make("ENV_ID", **keywords)
-start = {${state}}
-for policy in (
-${words.map((word) => `    ${made(word)},${word === "file" ? "  # the folder of your policy" : ""}`).join("\n")}
-):
-    policy.reset()
-    observation, info = env.reset(options={"state": start})
-    over = False
-    while not over:
-        observation, reward, terminated, truncated, info = env.step(policy.act(observation))
-        over = terminated or truncated
-    print(policy.name, env.unwrapped.state.time, info["end"] or "time is over", env.unwrapped.state)
-
-speed = env.unwrapped.speed
-print(analysis.eigenvalues(vehicle, speed), analysis.zeros(vehicle, speed, "rear_steer", "lateral_acceleration"))
-print(analysis.equilibria(vehicle, speed, (0.0, 0.0), **road))
-${recoverable}`.replaceAll("ENV_ID", data.env_id);
-}
-
 // How a run ended, in a sentence.
-export function ending(result) {
+export function ending(result, area = "lane") {
   if (result.why) return result.why;
   const last = result.columns.time.at(-1).toFixed(2);
   if (!result.over) return result.columns.time.length > 1 ? "on its way" : "press Play and steer: ← and →";
   if (result.end === "spun") return `spun after ${last} s`;
-  if (result.end === "left_lane") return `left its lane after ${last} s`;
+  if (result.end === "left_lane") return `left ${area === "lane" ? "its lane" : "the field"} after ${last} s`;
   if (result.end) return `${result.end.replaceAll("_", " ")} after ${last} s`;
   if (result.settledAfter !== null) return `runs straight in its lane from ${result.settledAfter.toFixed(2)} s on`;
+  if (area === "field") return `has not spun in ${last} s`;
   return `still in its lane after ${last} s, but not running straight in its middle`;
 }

@@ -192,37 +192,25 @@ export function arrow(plot, points) {
 
 export const indexAt = ({ time }, now) => Math.min(Math.round(now / (time[1] - time[0] || 1)), time.length - 1);
 
-// One lane above the other, each with its car where it is now and the way it came; `gust`: what blows now, N to the left.
+// One car above the other where it is now, and the way it came, in its lane or, where `halfWidth` is null, on a field;
+// `gust`: what blows now, N to the left.
 export function road(canvas, cars, now, halfWidth, gust) {
   const { pen, width, height, color } = blank(canvas);
-  const each = height / cars.length, scale = Math.min((each - 22) / (2 * halfWidth + 6.5), 20);
+  const each = height / cars.length, scale = Math.min((each - 22) / (halfWidth === null ? 16 : 2 * halfWidth + 6.5), 20);
   cars.forEach((one, row) => {
     const { columns } = one, k = columns ? indexAt(columns, now) : 0;
     const at = columns?.longitudinal_position[k] ?? 0, middle = each * row + 22 + (each - 22) / 2;
-    const px = (x) => width * 0.6 + (x - at) * scale, py = (y) => middle - y * scale;
+    const aside = halfWidth === null ? columns?.lateral_position[k] ?? 0 : 0; // the field moves, the car stays in view
+    const px = (x) => width * 0.6 + (x - at) * scale, py = (y) => middle - (y - aside) * scale;
     pen.save();
     pen.beginPath();
     pen.rect(0, each * row + 22, width, each - 22);
     pen.clip();
     pen.fillStyle = color("road");
-    pen.fillRect(0, py(halfWidth), width, 2 * halfWidth * scale);
-    pen.lineWidth = 2;
-    pen.strokeStyle = color("soft");
-    for (const side of [halfWidth, -halfWidth]) {
-      pen.beginPath();
-      pen.moveTo(0, py(side));
-      pen.lineTo(width, py(side));
-      pen.stroke();
-    }
-    pen.lineWidth = 1;
-    pen.setLineDash([3 * scale, 6 * scale]);
-    pen.lineDashOffset = ((at - (0.6 * width) / scale) * scale) % (9 * scale);
-    pen.beginPath();
-    pen.moveTo(0, py(0));
-    pen.lineTo(width, py(0));
-    pen.stroke();
-    pen.setLineDash([]);
-    pen.lineDashOffset = 0;
+    if (halfWidth === null) {
+      pen.fillRect(0, each * row + 22, width, each - 22);
+      squares(pen, { width, px, py, at, aside, scale, top: each * row + 22, bottom: each * (row + 1) }, color);
+    } else lane(pen, { width, px, py, at, scale, halfWidth }, color);
     if (columns) {
       const way = { pen, px, py, color }, y = columns.lateral_position[k];
       curve(way, columns.longitudinal_position.slice(0, k + 1), columns.lateral_position.slice(0, k + 1), one.color, 2, one.dashes);
@@ -236,6 +224,44 @@ export function road(canvas, cars, now, halfWidth, gust) {
     const isLast = columns && k === columns.time.length - 1;
     pen.fillText(`Car ${one.letter}, ${one.who}${isLast || !columns ? `: ${one.ending}` : ""}`, 4, each * row + 4, width - 8);
   });
+}
+
+function lane(pen, { width, px, py, at, scale, halfWidth }, color) {
+  pen.fillRect(0, py(halfWidth), width, 2 * halfWidth * scale);
+  pen.lineWidth = 2;
+  pen.strokeStyle = color("soft");
+  pen.beginPath();
+  for (const side of [halfWidth, -halfWidth]) {
+    pen.moveTo(0, py(side));
+    pen.lineTo(width, py(side));
+  }
+  pen.stroke();
+  pen.lineWidth = 1;
+  pen.setLineDash([3 * scale, 6 * scale]);
+  pen.lineDashOffset = ((at - (0.6 * width) / scale) * scale) % (9 * scale);
+  pen.beginPath();
+  pen.moveTo(0, py(0));
+  pen.lineTo(width, py(0));
+  pen.stroke();
+  pen.setLineDash([]);
+  pen.lineDashOffset = 0;
+}
+
+// Lines every 5 m; the one on which the car began is thicker.
+function squares(pen, { width, px, py, at, aside, scale, top, bottom }, color) {
+  const each = 5, ahead = (0.4 * width) / scale, behind = (0.6 * width) / scale, half = (bottom - top) / (2 * scale);
+  pen.strokeStyle = color("soft");
+  const line = (thick, x0, y0, x1, y1) => {
+    pen.globalAlpha = thick ? 1 : 0.35;
+    pen.lineWidth = thick ? 2 : 1;
+    pen.beginPath();
+    pen.moveTo(x0, y0);
+    pen.lineTo(x1, y1);
+    pen.stroke();
+  };
+  for (let x = each * Math.ceil((at - behind) / each); x <= at + ahead; x += each) line(false, px(x), top, px(x), bottom);
+  for (let y = each * Math.ceil((aside - half) / each); y <= aside + half; y += each) line(y === 0, 0, py(y), width, py(y));
+  pen.globalAlpha = 1;
 }
 
 // Three arrows that push the car; `down`: 1 to the bottom of the screen, -1 to its top.

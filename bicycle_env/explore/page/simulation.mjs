@@ -1,70 +1,24 @@
 // Runs of cars and orbits of the phase plane. Every law comes from the traced modules task_*.mjs; there is none here.
 import { onRoad } from "./car.mjs";
-import { exported as trained, Network } from "./policy.mjs";
 
-const NOBODY = { act: () => [0, 0], reset: () => {} };
 const FINE = 4; // the step responses' timestep is a substep's, divided by this
 
-// What is driven: the task's laws on a tire, the car, a speed [m/s], a road, the axles that steer, a gust [N].
-export function placed(task, body, speed, { friction, steer, gust }) {
+// What is driven: the task's laws on a tire, the car, a speed [m/s], a road, its actuators, the axles that steer, a gust
+// [N], half the width of the lane [m].
+export function placed(task, body, speed, { friction, steer, gust, actuators, relaxation_length, half_width }) {
   const car = task.new_car(), scale = task.new_observation();
-  onRoad(car, body, speed, friction);
+  onRoad(car, body, speed, friction, actuators, relaxation_length);
   task.scales(scale, car);
   const rules = { ...task.exported_rules, steers_front: steer === "rear" ? 0 : 1, steers_rear: steer === "front" ? 0 : 1 };
-  return { task, car, scale, rules, steer, gust };
-}
-
-// A network at the axles that steer; LQR is one without hidden layers.
-function network(description, steer) {
-  const network = new Network(description);
-  const act = (observation) => {
-    const action = network.act(observation);
-    return steer === "both" ? action : steer === "front" ? [action[0], 0] : [0, action[0]];
-  };
-  return { act, reset: () => network.reset() };
-}
-
-const axles = ({ layers }) => layers.at(-1).bias.length;
-
-// Who steers, by the words of the page: { act, reset }, or { why } not. `gains`: of LQR at this speed, nothing if not
-// known, or still `pending`; `file`: a network's parts; `hand`: at the wheel.
-export function driver(word, { steer, rear, gains, pending, file, hand, names }) {
-  if (word === "nobody") return NOBODY;
-  if (word === "you") {
-    if (steer === "rear") return { why: "cannot steer: by hand it is the front axle" };
-    const other = steer === "both" ? driver(rear, { steer, gains, pending }) : NOBODY;
-    if (other.why) return other;
-    return {
-      act: (observation) => [hand.next(), other.act(observation)[1]],
-      reset: () => {
-        hand.reset();
-        other.reset();
-      },
-    };
-  }
-  if (word === "lqr") {
-    if (!gains && pending) return { why: "LQR is being designed for this car", pending };
-    if (!gains) return { why: "LQR for a changed car is designed by Python: start “bicycle-env explore” on your machine" };
-    const layers = [{ weight: gains, bias: gains.map(() => 0) }];
-    return network({ layers, output: "clip", hold: 1, history: 1, mirror: null, entries: gains[0].length }, steer);
-  }
-  const parts = word === "policy" ? trained : file;
-  if (!parts) return { why: "no policy file yet: drop its files on the page, or choose them" };
-  if (axles(parts) !== (steer === "both" ? 2 : 1)) {
-    return { why: `this policy steers ${axles(parts) === 2 ? "both axles" : "one axle"}: choose that under “Which axle steers”` };
-  }
-  if (word === "file" && JSON.stringify(parts.names) !== JSON.stringify(names)) {
-    return { why: `this policy sees other things than this car shows it: ${parts.names.length} entries, not ${names.length}` };
-  }
-  return network(parts, steer);
+  return { task, car, scale, rules, steer, gust, half_width };
 }
 
 // The state at a start: the task's own law, whose box is this one start; the car's course is along its lane.
-export function started({ task, car, rules, gust }, sideslip, yawRate) {
+export function started({ task, car, rules, gust, half_width }, sideslip, yawRate) {
   const state = task.new_state(), episode = task.new_episode(), own = task.new_task_state(), side = gust < 0 ? -1 : 1;
   const settings = {
     ...task.exported_settings,
-    ...{ lateral_position: 0, course: 0, sideslip, yaw_rate: yawRate },
+    ...{ lateral_position: 0, course: 0, sideslip, yaw_rate: yawRate, road_half_width: half_width },
     ...{ gust_force_low: Math.abs(gust), gust_force_least_sign: side, gust_force_greatest_sign: side },
   };
   task.start(state, episode, own, { ...task.new_uniforms(), u0: 0.5, u1: 0.5, u2: 1, u3: 1 }, car, rules, settings);
@@ -97,7 +51,7 @@ export class Run {
   step() {
     const { task, car, scale, rules } = this.world, { state, episode, own, settings, observation, outcome, action } = this;
     task.observe(observation, state, episode, own, scale, car, rules, settings);
-    [action.front, action.rear] = this.driver.act(Object.values(observation)).map(Math.fround);
+    [action.front, action.rear] = this.driver.act(Object.values(observation), this).map(Math.fround);
     task.step(state, episode, own, outcome, state, episode, own, action, car, rules, settings);
     this.remember();
     this.over = outcome.end !== 0 || episode.steps >= task.step_limit;
