@@ -34,7 +34,6 @@ PAINTED = """async (values) => {
   }
   return found;
 }"""
-INK = "(id) => document.getElementById(id).toDataURL()"
 SMALL = """() => [...document.querySelectorAll("button, select, input:not([type=checkbox])")]
   .filter((one) => one.offsetWidth && one.offsetHeight < 30).map(({ id }) => id)"""
 DROP = """(files) => {
@@ -103,6 +102,18 @@ def slide(page, name, value):
     )
 
 
+def settled_hash(page):
+    """The address, which follows when nothing has changed for a moment; without "#"."""
+    page.wait_for_selector("html[data-settled]")
+    return page.evaluate("location.hash").removeprefix("#")
+
+
+def ink(page, id):
+    """A picture of a canvas once it is drawn; what is not on the screen is drawn later."""
+    page.wait_for_selector("html[data-settled]")
+    return page.evaluate("(id) => document.getElementById(id).toDataURL()", id)
+
+
 def arrived(page):
     page.wait_for_selector("#spinner", state="hidden")
 
@@ -122,18 +133,18 @@ def test_the_sentence_is_analysis_and_follows_the_sliders(visit, capsys):
         sys.stdout.write(f" (slider to painted: {statistics.median(took):.0f} ms in the median) ")
     page.locator("#change summary").click()
     page.click("#as_preset")
-    assert "rear_cornering" not in page.evaluate("location.hash")
+    assert "rear_cornering" not in settled_hash(page)
 
 
 def test_a_click_or_a_key_is_a_start_and_a_bad_number_a_sentence(visit):
     page = visit("sideslip=3")
     canvas = page.locator("#phase")
-    size, before = canvas.bounding_box(), page.evaluate(INK, "phase")
+    size, before = canvas.bounding_box(), ink(page, "phase")
     canvas.click(position={"x": 0.7 * size["width"], "y": 0.3 * size["height"]})
     sideslip, yaw_rate = (float(page.input_value(f"#{name}")) for name in ("sideslip", "yaw_rate"))
     assert 8.0 < sideslip < 20.0
     assert 15.0 < yaw_rate < 40.0
-    assert page.evaluate(INK, "phase") != before
+    assert ink(page, "phase") != before
     canvas.press("ArrowLeft")
     canvas.press("ArrowUp")
     assert float(page.input_value("#sideslip")) == pytest.approx(sideslip - 1.0)
@@ -145,11 +156,11 @@ def test_a_click_or_a_key_is_a_start_and_a_bad_number_a_sentence(visit):
 def test_steady_turns_the_set_and_gains_come_from_the_server(visit):
     page = visit("vehicle=oversteer&recoverable=off&left=nobody&right=lqr&speed_ratio=0.8")
     arrived(page)
-    alone = page.evaluate(INK, "phase")
+    alone = ink(page, "phase")
     page.check("#recoverable")
     arrived(page)
     assert page.inner_text("#asked") == ""
-    assert page.evaluate(INK, "phase") != alone
+    assert ink(page, "phase") != alone
     slide(page, "mass", 120)
     page.locator("#ending_right", has_text="LQR, a classical law: runs straight").wait_for()
     arrived(page)
@@ -162,12 +173,41 @@ def test_steady_turns_the_set_and_gains_come_from_the_server(visit):
     assert page.inner_text("#asked") == ""
 
 
+def test_rear_wheels_that_steer_save_what_a_driver_has_spun(visit):
+    """All by keyboard; for a changed car the server designs the law."""
+    page = visit("vehicle=oversteer&left=nobody&right=nobody&sideslip=4&recoverable=off")
+    for name, word, value in (
+        ("left", "a driver who turns", "step"),
+        ("right", "a driver who turns", "step"),
+        ("right_rear", "yaw", "yaw-rate"),
+    ):
+        page.focus(f"#{name}")
+        page.keyboard.type(word)
+        assert page.input_value(f"#{name}") == value
+    page.focus("#straight")
+    page.keyboard.press("Enter")
+    page.locator("#ending_left", has_text="spun after").wait_for()
+    page.locator("#ending_right", has_text="has not spun in 8.00 s").wait_for()
+    slide(page, "mass", 120)
+    page.locator("#ending_right", has_text="has not spun in 8.00 s").wait_for()
+    slide(page, "rear_angle_limit", 0.5)
+    page.locator("#ending_right", has_text="spun after").wait_for()
+    page.select_option("#left", "preview")
+    page.locator("#ending_left", has_text="looks ahead; rear wheels: nobody").wait_for()
+    slide(page, "relaxation_length", 0.4)
+    page.locator("#at_once").wait_for()
+    assert "relaxation_length=0.4" in page.inner_text("#python")
+    page.select_option("#steer", "rear")
+    assert "a driver has the front axle" in page.inner_text("#ending_left")
+    assert page.locator("#left_rear").is_hidden()
+
+
 def test_it_plays_by_keyboard_alone_and_is_steered_by_hand(visit):
     page = visit("vehicle=oversteer&left=nobody&right=lqr&sideslip=1&speed_ratio=0.5")
     page.focus("#left")
     page.keyboard.type("you")
     assert page.input_value("#left") == "you"
-    road = page.evaluate(INK, "road")
+    road = ink(page, "road")
     page.focus("#play")
     page.keyboard.press("Enter")
     page.keyboard.down("ArrowLeft")
@@ -175,7 +215,7 @@ def test_it_plays_by_keyboard_alone_and_is_steered_by_hand(visit):
     assert page.inner_text("#play") == "Pause"
     page.keyboard.up("ArrowLeft")
     page.locator("#ending_left", has_text=re.compile("left its lane after|spun after")).wait_for()
-    assert page.evaluate(INK, "road") != road
+    assert ink(page, "road") != road
     python = page.inner_text("#python")
     wheel = [float(text) for text in re.search(r"Steered\(\[(.*?)\]", python)[1].split(",")]
     assert len(wheel) > 10
@@ -225,9 +265,15 @@ def test_the_address_bar_holds_what_is_chosen(visit):
     slide(page, "gust", -1500)
     slide(page, "mass", 110)
     page.select_option("#steer", "both")
-    hash = page.evaluate("location.hash")
-    again = visit(hash.removeprefix("#"))
-    assert again.evaluate("location.hash") == hash
+    page.select_option("#right", "step")
+    page.select_option("#right_rear", "yaw-rate")
+    page.select_option("#area", "field")
+    slide(page, "angle", -1.5)
+    slide(page, "rear_rate_limit", 30)
+    slide(page, "relaxation_length", 0.6)
+    hash = settled_hash(page)
+    again = visit(hash)
+    assert settled_hash(again) == hash
     assert again.inner_text("#python") == page.inner_text("#python")
     assert again.locator("#complaint").is_hidden()
     again.evaluate("() => { location.hash = '#vehicle=oversteer&left=lqr&speed_ratio=1.5&right=nobody'; }")
@@ -238,7 +284,12 @@ def test_the_address_bar_holds_what_is_chosen(visit):
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_nothing_is_wider_than_a_telephone(visit, scheme):
-    page = visit("left=you&mass=110&right=file", width=390, height=844, color_scheme=scheme)
+    hash = (
+        "left=you&mass=110&right=step&right_rear=zero-sideslip&rear_angle_limit=4"
+        if scheme == "light"
+        else "right=file"
+    )
+    page = visit(hash, width=390, height=844, color_scheme=scheme)
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.evaluate(SMALL) == []
 
@@ -248,12 +299,17 @@ def test_without_a_server_what_it_would_say_is_a_sentence(files, visit):
     with served({**files, "data.mjs": content.encode()}) as static:
         page = visit("vehicle=oversteer&steer=both", url=static.url)
         assert page.inner_text("#asked") == ""
-        with_set = page.evaluate(INK, "phase")
+        with_set = ink(page, "phase")
         page.uncheck("#recoverable")
-        assert page.evaluate(INK, "phase") != with_set
+        assert ink(page, "phase") != with_set
         page.check("#recoverable")
         slide(page, "friction", 0.5)
         assert "start “bicycle-env explore” on your machine" in page.inner_text("#asked")
         assert page.is_disabled("#recoverable")
         slide(page, "mass", 110)
         assert "LQR for a changed car is designed by Python" in page.inner_text("#ending_right")
+        page.select_option("#right", "step")
+        page.select_option("#right_rear", "yaw-rate")
+        assert "the law “yaw-rate” for a changed car is designed by Python" in page.inner_text("#ending_right")
+        page.select_option("#right_rear", "sano")
+        assert "after" in page.inner_text("#ending_right")

@@ -1,20 +1,21 @@
 // The page: what is chosen, and what follows from it.
 import { bodyOf, isChanged, nearest, PARTS, pointsOf, straight } from "./car.mjs";
 import { DEGREE, ending, fromHash, moduleOf, NUMBERS, placeOf, sensible, SIDES, toHash, usualActuators, usualSpeed, WHO, whoInWords } from "./choices.mjs";
-import { at, build, CHOICES, complaintOf, LETTERS, show, SLIDERS } from "./controls.mjs";
+import { areActuatorsUsual, at, build, CHOICES, complaintOf, LETTERS, show, SLIDERS } from "./controls.mjs";
 import { data } from "./data.mjs";
 import { Designs } from "./designs.mjs";
 import { road } from "./drawing.mjs";
 import { driver } from "./drivers.mjs";
 import { dropped, policyOf } from "./files.mjs";
 import { Hand } from "./hand.mjs";
-import { askForPlane, computeOrbits, known } from "./plane.mjs";
+import { askForPlane, computeOrbits, known, orbitsKey } from "./plane.mjs";
 import { asPython } from "./python.mjs";
 import { placed, Run, run, started } from "./simulation.mjs";
 import { drawEigenvalues, drawHistories, drawPhase, drawResponses } from "./views.mjs";
 
 const STYLES = { left: { color: "a", dashes: [] }, right: { color: "b", dashes: [7, 4] } };
 const AS_PRESET = Object.fromEntries(Object.keys(PARTS).map((part) => [part, 100]));
+const QUIET = 60; // ms without a change, after which what can wait is done
 const tasks = {}; // by their modules' names
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const designs = new Designs(data, arrived);
@@ -85,32 +86,64 @@ function sayOfPlane(words, busy = false) {
   at("recoverable").disabled = !data.served && !known.asked.recoverable && chosen.recoverable === "on";
 }
 
-function drawPlane() {
-  const { flow, asked } = known, orbits = flow?.found ?? [], { width, height } = at("phase").getBoundingClientRect();
-  const key = [flow?.key, orbits.length, asked.key, !!asked.portrait, !!asked.recoverable, width, height, devicePixelRatio, dark.matches].join();
-  plane = drawPhase(at("phase"), { chosen, cars: driven(), orbits, asked, now, key });
-}
-
-function drawNow() {
+function drawRoad() {
   const { start, duration: blows } = data.gust, gust = now >= start && now < start + blows ? chosen.gust : 0;
   const cars = SIDES.map((side) => ({
     ...{ ...STYLES[side], letter: LETTERS[side], ...shown[side], who: WHO[chosen[side]] },
     ending: shown[side].why ? "does not drive" : ending(shown[side], chosen.area),
   }));
   road(at("road"), cars, now, chosen.area === "field" ? null : data.half_width.lane, gust);
-  drawHistories(at, driven(), Math.max(duration(), 0.1), now);
-  drawPlane();
-  at("time").value = now;
-  at("time_words").textContent = `${now.toFixed(2)} s`;
 }
 
-// The responses are further down: they follow when the rest is painted.
-function drawCar() {
-  drawEigenvalues(at("eigenvalues"), shown.body, shown.points, shown.point);
+function drawPlane() {
+  const { flow, asked } = known, orbits = flow?.found ?? [], { width, height } = at("phase").getBoundingClientRect();
+  const key = [flow?.key, orbits.length, asked.key, !!asked.portrait, !!asked.recoverable, width, height, devicePixelRatio, dark.matches].join();
+  plane = drawPhase(at("phase"), { chosen, cars: driven(), orbits, asked, now, key });
+}
+
+// What is drawn, by the element in which it is.
+const VIEWS = {
+  road: drawRoad,
+  phase: drawPlane,
+  eigenvalues: () => drawEigenvalues(at("eigenvalues"), shown.body, shown.points, shown.point),
+  histories: () => drawHistories(at, driven(), Math.max(duration(), 0.1), now),
+  responses: () => (at("wrong_way").textContent = drawResponses(at, shown.body, shown.point.metres_per_second, shown.linear)),
+};
+const MOVING = ["road", "phase", "histories"], stale = new Set();
+
+function paint(names) {
+  for (const name of names.filter((one) => stale.has(one))) {
+    stale.delete(name);
+    VIEWS[name]();
+  }
+}
+
+const isSeen = (name) => {
+  const { top, bottom } = at(name).getBoundingClientRect();
+  return bottom > 0 && top < innerHeight;
+};
+
+// What is on the screen is drawn at once; the rest when nothing has changed for a moment, or when it is scrolled to.
+function draw(names) {
+  names.forEach((name) => stale.add(name));
+  paint(names.filter(isSeen));
   clearTimeout(later);
-  later = setTimeout(() => {
-    at("wrong_way").textContent = drawResponses(at, shown.body, shown.point.metres_per_second, shown.linear);
-  });
+  delete document.documentElement.dataset.settled;
+  later = setTimeout(settle, QUIET);
+}
+
+function settle() {
+  paint(Object.keys(VIEWS));
+  computeOrbits(shown, chosen, () => draw(["phase"]));
+  const hash = toHash(data, chosen);
+  if (hash !== location.hash) history.replaceState(null, "", hash);
+  document.documentElement.dataset.settled = "yes";
+}
+
+function drawNow() {
+  draw(MOVING);
+  at("time").value = now;
+  at("time_words").textContent = `${now.toFixed(2)} s`;
 }
 
 function update(wanted = {}) {
@@ -135,11 +168,10 @@ function refresh() {
   hand.reset();
   compute();
   showControls();
-  drawCar();
-  askForPlane(data, shown, chosen, sayOfPlane, drawPlane);
+  askForPlane(data, shown, chosen, sayOfPlane, () => draw(["phase"]));
+  if (known.flow?.key !== orbitsKey(shown, chosen)) known.flow = null;
   drawNow();
-  computeOrbits(shown, chosen, drawPlane);
-  history.replaceState(null, "", toHash(data, chosen));
+  draw(["eigenvalues", "responses"]);
 }
 
 function choose(wanted) {
@@ -200,6 +232,7 @@ async function takeFiles(given) {
 
 build(data);
 at("change").open = isChanged(chosen);
+at("change_actuators").open = chosen.relaxation_length > 0 || !areActuatorsUsual(data, chosen);
 
 at("vehicle").addEventListener("change", ({ target }) => {
   const to = data.presets[target.value];
@@ -265,10 +298,8 @@ addEventListener("hashchange", () => {
   ({ chosen, complaints } = fromHash(data, location.hash));
   update();
 });
-const redraw = () => {
-  drawCar();
-  drawNow();
-};
+const redraw = () => draw(Object.keys(VIEWS));
+addEventListener("scroll", () => paint(Object.keys(VIEWS).filter(isSeen)), { passive: true });
 addEventListener("resize", redraw);
 dark.addEventListener("change", redraw);
 

@@ -11,9 +11,13 @@ const QUIET = 350; // ms without a change, after which the server is asked
 export const known = { flow: null, asked: { portrait: null, recoverable: null } };
 let waiting = null, timer = 0;
 
-// Only where the car, not the start, has changed. `done()` when all are there.
+// Orbits depend on the car, not on the start.
+export const orbitsKey = ({ body, point }, chosen) =>
+  JSON.stringify([body, moduleOf(chosen), chosen.relaxation_length, point.metres_per_second, chosen.friction]);
+
+// Only where they have changed. `done()` when all are there.
 export function computeOrbits(shown, chosen, done) {
-  const key = JSON.stringify([shown.body, moduleOf(chosen), chosen.relaxation_length, shown.point.metres_per_second, chosen.friction]);
+  const key = orbitsKey(shown, chosen);
   if (known.flow?.key === key) return;
   known.flow = { key, found: [] };
   const mine = known.flow, { world } = shown;
