@@ -24,6 +24,12 @@ def characteristic(vehicle: Any, speed: Any, yaw_stiffness: Any) -> tuple[Any, A
     return m * inertia, damping, criterion(vehicle, speed, yaw_stiffness)
 
 
+def yaw_rate_feedback(vehicle: Any, speed: Any) -> tuple[Any, Any]:
+    """What of Delta(s) grows, per gain [s], where rear wheels are steered by gain x yaw rate: of s, and of 1."""
+    front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
+    return vehicle.mass * vehicle.cg_to_rear * rear, vehicle.wheelbase * front * rear / speed
+
+
 def numerator(vehicle: Any, speed: Any, front: bool, output: str) -> tuple[Any, ...]:
     """Of a transfer function over Delta(s); see ``transfer_functions.numerator``. `front`: the axle that steers."""
     m, inertia, wheelbase = vehicle.mass, vehicle.yaw_inertia, vehicle.wheelbase

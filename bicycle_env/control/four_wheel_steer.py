@@ -28,6 +28,7 @@ import numpy as np
 import scipy.interpolate
 from numpy.typing import NDArray
 
+from bicycle_env.analysis import linear_laws
 from bicycle_env.analysis.linear_model import STATE_NAMES, LinearModel
 from bicycle_env.analysis.stability import characteristic_polynomial, critical_speed, input_matrix, state_matrix
 from bicycle_env.control.design.observation_map import Matrix
@@ -104,9 +105,7 @@ def yaw_rate_feedback_gain(
     target = positive("speed", speed) * number("speed_margin", speed_margin, above=1.0)
     gain = max(0.0, vehicle.wheelbase * (target / critical_speed(vehicle) ** 2 - 1.0 / target))
     inertia, damping, stiffness = characteristic_polynomial(vehicle, speed)  # of s^2, s and 1 in (6.27)
-    damping_slope = vehicle.mass * vehicle.cg_to_rear * vehicle.rear_cornering_stiffness  # per gain
-    front, rear = vehicle.front_cornering_stiffness, vehicle.rear_cornering_stiffness
-    stiffness_slope = vehicle.wheelbase * front * rear / speed
+    damping_slope, stiffness_slope = linear_laws.yaw_rate_feedback(vehicle, speed)  # per gain
     square = 4.0 * inertia * number("damping_ratio", damping_ratio, 0.0, 1.0) ** 2
     linear = 2.0 * damping * damping_slope - square * stiffness_slope
     roots = np.roots([damping_slope**2, linear, damping**2 - square * stiffness])

@@ -39,6 +39,15 @@ class Straight(NamedTuple):
     yaw_stiffness: Any
 
 
+class Eigenvalues(NamedTuple):
+    """Both, 1/s."""
+
+    first_real: Any
+    first_imaginary: Any
+    second_real: Any
+    second_imaginary: Any
+
+
 Response: Any = record_of(
     "Response", tuple(f"{axle}_{output}_{part}" for axle, output in RESPONSES for part in ("real", "imaginary"))
 )
@@ -48,7 +57,7 @@ Zeros: Any = record_of("Zeros", ("front", "rear"))
 
 
 def library() -> Library:
-    """``on_road``, ``straight``, ``respond`` and ``right_zeros`` of a vehicle."""
+    """``on_road``, ``straight``, ``fed_back``, ``respond`` and ``right_zeros`` of a vehicle."""
     vehicle, speed = Argument("vehicle", Body), Argument("speed")
     routines = (
         Routine(
@@ -68,6 +77,13 @@ def library() -> Library:
             (vehicle, speed),
             (Argument("found", Straight, "straight_running"),),
             _straight,
+        ),
+        Routine(
+            "fed_back",
+            "The eigenvalues [1/s] where the rear wheels are steered by a gain [s] times the yaw rate.",
+            (vehicle, speed, Argument("gain")),
+            (Argument("eigenvalues", Eigenvalues),),
+            _fed_back,
         ),
         Routine(
             "respond",
@@ -100,6 +116,18 @@ def _straight(xp: Any) -> Any:
         return Straight(*first, *second, doubling, polynomial[-1], critical(vehicle), moment)
 
     return straight
+
+
+def _fed_back(xp: Any) -> Any:
+    balance, solve = yaw_stiffness(xp), linear_laws.roots(xp)
+
+    def fed_back(vehicle: Any, speed: Any, gain: Any) -> Eigenvalues:
+        inertia, damping, stiffness = linear_laws.characteristic(vehicle, speed, balance(vehicle))
+        more_damping, more_stiffness = linear_laws.yaw_rate_feedback(vehicle, speed)
+        first, second = solve(inertia, damping + gain * more_damping, stiffness + gain * more_stiffness)
+        return Eigenvalues(*first, *second)
+
+    return fed_back
 
 
 def _respond(xp: Any) -> Any:

@@ -9,9 +9,11 @@ import statistics
 import sys
 import threading
 
+import numpy as np
 import pytest
 
 from bicycle_env import analysis, load_policy, vehicles
+from bicycle_env.control.four_wheel_steer import yaw_rate_feedback_gain, yaw_rate_feedback_matrix
 from bicycle_env.explore import Server
 from bicycle_env.explore.content import data
 from bicycle_env.export import export_policy
@@ -188,18 +190,41 @@ def test_rear_wheels_that_steer_save_what_a_driver_has_spun(visit):
     page.keyboard.press("Enter")
     page.locator("#ending_left", has_text="spun after").wait_for()
     page.locator("#ending_right", has_text="has not spun in 8.00 s").wait_for()
+    gain = yaw_rate_feedback_gain(vehicles["oversteer"], 1.2 * vehicles["oversteer"].critical_speed)
+    matrix = yaw_rate_feedback_matrix(vehicles["oversteer"], 1.2 * vehicles["oversteer"].critical_speed, gain)
+    values = ", ".join(f"\N{MINUS SIGN}{-value:.2f}" for value in sorted(np.linalg.eigvals(matrix)))
+    page.locator(
+        "#fed_back", has_text=f"Circles: car B with its rear wheels after the yaw rate ({values} per"
+    ).wait_for()
     slide(page, "mass", 120)
     page.locator("#ending_right", has_text="has not spun in 8.00 s").wait_for()
     slide(page, "rear_angle_limit", 0.5)
     page.locator("#ending_right", has_text="spun after").wait_for()
     page.select_option("#left", "preview")
-    page.locator("#ending_left", has_text="looks ahead; rear wheels: nobody").wait_for()
+    page.locator("#ending_left", has_text="looks ahead; rear wheels straight").wait_for()
     slide(page, "relaxation_length", 0.4)
     page.locator("#at_once").wait_for()
     assert "relaxation_length=0.4" in page.inner_text("#python")
     page.select_option("#steer", "rear")
     assert "a driver has the front axle" in page.inner_text("#ending_left")
     assert page.locator("#left_rear").is_hidden()
+
+
+def test_each_example_is_understood_and_shows_what_it_says(visit):
+    page = visit("vehicle=civic&speed=20&tire=linear")
+    endings = [
+        ("left its lane", "runs straight"),
+        ("spun", "has not spun"),
+        ("left its lane", "runs straight"),
+        ("press Play", "runs straight"),
+    ]
+    links = page.locator("nav a")
+    assert links.count() == len(endings)
+    for k, words in enumerate(endings):
+        links.nth(k).click()
+        for side, word in zip(("left", "right"), words, strict=True):
+            page.locator(f"#ending_{side}", has_text=word).wait_for()
+        assert page.locator("#complaint").is_hidden()
 
 
 def test_it_plays_by_keyboard_alone_and_is_steered_by_hand(visit):

@@ -11,6 +11,7 @@ import pytest
 
 from bicycle_env import analysis, vehicles
 from bicycle_env.analysis import linear_laws
+from bicycle_env.control.four_wheel_steer import yaw_rate_feedback_matrix
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.plots.responses import wrong_way
 from bicycle_env.plots.style import speed_in_words
@@ -19,7 +20,8 @@ from bicycle_env.report.words import stability_in_words
 NODE = shutil.which("node")
 FREQUENCIES = [0.1, 1.0, 7.0]
 SCRIPT = """
-import { bodyOf, eigenvalues, responses, rightZeros, speedInWords, stabilityInWords, straight } from "./car.mjs";
+import { bodyOf, eigenvalues, fedBack, responses, rightZeros } from "./car.mjs";
+import { speedInWords, stabilityInWords, straight } from "./car.mjs";
 import { placeOf, usual } from "./choices.mjs";
 import { data } from "./data.mjs";
 import { placed, stepResponse, wrongWay } from "./simulation.mjs";
@@ -32,6 +34,7 @@ console.log(JSON.stringify(cars.map(({ percent, speed }) => {
   return {
     sentence: stabilityInWords(data, found), heading: speedInWords(data, speed, found.critical_speed),
     eigenvalues: eigenvalues(found), responses: responses(body, speed, frequencies), zeros: rightZeros(body, speed),
+    fed_back: [0, 0.05, 0.4].map((gain) => fedBack(body, speed, gain)),
     wrong: ["front", "rear"].map((axle) => wrongWay(stepResponse(world, axle, 0.01, 1.5))),
   };
 })));
@@ -77,6 +80,10 @@ def test_the_page_says_what_analysis_says(said):
         assert found["heading"] == speed_in_words(vehicle, speed)
         values = np.sort_complex([complex(*pair) for pair in found["eigenvalues"]])
         np.testing.assert_allclose(values, np.sort_complex(analysis.eigenvalues(vehicle, speed)), rtol=1e-9)
+        for gain, pairs in zip((0.0, 0.05, 0.4), found["fed_back"], strict=True):
+            matrix = yaw_rate_feedback_matrix(vehicle, speed, gain)
+            values = np.sort_complex([complex(*pair) for pair in pairs])
+            np.testing.assert_allclose(values, np.sort_complex(np.linalg.eigvals(matrix)), rtol=1e-9)
     assert len(kinds) > 2
 
 

@@ -47,6 +47,13 @@ export const eigenvalues = ({ first_real, first_imaginary, second_real, second_i
   [second_real, second_imaginary],
 ];
 
+// Where the rear wheels are steered by a gain [s] times the yaw rate.
+export function fedBack(body, speed, gain) {
+  const found = linear.new_eigenvalues();
+  linear.fed_back(found, body, speed, gain);
+  return eigenvalues(found);
+}
+
 // Python's "{name:.2f}" and "{name:.3g}".
 const filled = (template, values) =>
   template.replace(/\{(\w+):\.(\d)([fg])\}/g, (_, name, digits, kind) =>

@@ -4,8 +4,8 @@ import { AT_FRONT, LAWS } from "./drivers.mjs";
 
 export const WHO = {
   nobody: "nobody (wheels straight)",
-  step: "a driver who turns the wheel at once",
-  sine_with_dwell: "a driver who swerves (sine with dwell)",
+  step: "a driver who turns in, and holds",
+  sine_with_dwell: "a driver who swerves",
   preview: "a driver who looks ahead",
   lqr: "LQR, a classical law",
   policy: "trained policy",
@@ -25,10 +25,10 @@ export const BEHIND = {
 };
 export const EXPLAINED = {
   nobody: "The rear wheels stay straight, as in most cars.",
-  "yaw-rate": "The rear wheels turn against the yaw that is measured, so that the car itself becomes stable; and with the front wheels (Toyota, 1991).",
-  "zero-sideslip": "After the front wheels alone: first against them, which starts the turn, then with them, so that the car does not slip sideways (the form of Nissan's, 1990).",
-  "speed-dependent": "The front wheels' angle times a ratio: against them when slow, with them when fast (Mazda, 1987).",
-  sano: "After the front wheels' angle: small ones with them, large ones against them (Honda, 1987). The same for every car and speed.",
+  "yaw-rate": "The rear wheels turn against the yaw that is measured, which moves the eigenvalues (circles); and with the front wheels (Toyota, 1991).",
+  "zero-sideslip": "After the front wheels alone: first against them, which starts the turn, then with them, so that the car does not slip sideways (the form of Nissan's, 1990). It moves no eigenvalue.",
+  "speed-dependent": "The front wheels' angle times a ratio: against them when slow, with them when fast (Mazda, 1987). It moves no eigenvalue.",
+  sano: "After the front wheels' angle: small ones with them, large ones against them (Honda, 1987). The same for every car and speed. It moves no eigenvalue.",
   lqr: "The rear half of LQR, which wants straight running.",
   policy: "The rear half of the trained policy, which wants straight running.",
 };
@@ -38,9 +38,9 @@ export const DEGREE = Math.PI / 180;
 const RADIANS = (value) => value * DEGREE, SECONDS = (value) => value / 1000; // to the bit as Python has it
 // Of both axles' actuators: words, unit, to SI units, range and step.
 export const ACTUATORS = {
-  angle_limit: { words: "wheels turn at most", unit: "deg", inSI: RADIANS, least: 0.5, most: 12, step: 0.5 },
-  rate_limit: { words: "wheels turn at most so fast", unit: "deg/s", inSI: RADIANS, least: 1, most: 100, step: 1 },
-  time_constant: { words: "wheels lag behind", unit: "ms", inSI: SECONDS, least: 10, most: 300, step: 10 },
+  angle_limit: { words: "wheels, largest angle", unit: "deg", inSI: RADIANS, least: 0.5, most: 12, step: 0.5 },
+  rate_limit: { words: "wheels, fastest", unit: "deg/s", inSI: RADIANS, least: 1, most: 100, step: 1 },
+  time_constant: { words: "wheels, lag", unit: "ms", inSI: SECONDS, least: 10, most: 300, step: 10 },
 };
 export const AXLES = ["front", "rear"];
 export const ACTUATOR_NAMES = AXLES.flatMap((axle) => Object.keys(ACTUATORS).map((field) => `${axle}_${field}`));
@@ -182,7 +182,8 @@ export function fromHash(data, hash) {
 export function whoInWords(side, chosen, file) {
   const word = chosen[side];
   if (word === "file" && file) return `your policy (${file})`;
-  if (hasRear(chosen, side)) return `${WHO[word]}; rear wheels: ${BEHIND[chosen[`${side}_rear`]]}`;
+  const rear = chosen[`${side}_rear`];
+  if (hasRear(chosen, side)) return `${WHO[word]}; rear wheels ${rear === "nobody" ? "straight" : `by ${BEHIND[rear]}`}`;
   return WHO[word];
 }
 

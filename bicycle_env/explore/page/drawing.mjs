@@ -222,7 +222,8 @@ export function road(canvas, cars, now, halfWidth, gust) {
     pen.textAlign = "left";
     pen.textBaseline = "top";
     const isLast = columns && k === columns.time.length - 1;
-    pen.fillText(`Car ${one.letter}, ${one.who}${isLast || !columns ? `: ${one.ending}` : ""}`, 4, each * row + 4, width - 8);
+    const end = isLast || !columns ? `: ${one.ending}` : "", squared = halfWidth === null ? " (squares of 5 m)" : "";
+    pen.fillText(`Car ${one.letter}, ${one.who}${end}${squared}`, 4, each * row + 4, width - 8);
   });
 }
 

@@ -75,10 +75,12 @@ function behind(word, setting) {
       return found.action;
     },
     reset: () => Object.assign(found, steering.new_rear()),
+    gain: known.rear?.yaw_rate_gain,
   };
 }
 
-// Who steers, by the words of the page: { act, reset }, or { why } not. `design(name)`: what is designed for this car;
+// Who steers, by the words of the page: { act, reset }, or { why } not; the `gain` [s] of the rear wheels after the yaw
+// rate, if they are steered so. `design(name)`: what is designed for this car;
 // `file`: a network's parts; `hand`: at the wheel; `angle`: of a manoeuvre, rad; `names`: of the observation.
 export function driver(word, setting) {
   const { steer, rear, file, names } = setting;
@@ -94,6 +96,7 @@ export function driver(word, setting) {
         return [action, parts[1].act(action, observation, run)];
       },
       reset: () => parts.forEach((part) => part.reset()),
+      gain: parts[1].gain,
     };
   }
   if (word === "lqr") {

@@ -62,7 +62,7 @@ function drive(side, before = null) {
   else if (who.why) shown[side] = { who: name, why: who.why };
   else {
     const made = word === "you" ? new Run(shown.world, who, ...start) : run(shown.world, who, ...start);
-    shown[side] = Object.assign(made, { who: name, car: shown.world.car });
+    shown[side] = Object.assign(made, { who: name, car: shown.world.car, gain: who.gain });
   }
 }
 
@@ -73,6 +73,7 @@ function arrived(design) {
   for (const side of SIDES) drive(side, shown);
   showControls();
   drawNow();
+  draw(["eigenvalues"]);
 }
 
 function showControls() {
@@ -105,7 +106,10 @@ function drawPlane() {
 const VIEWS = {
   road: drawRoad,
   phase: drawPlane,
-  eigenvalues: () => drawEigenvalues(at("eigenvalues"), shown.body, shown.points, shown.point),
+  eigenvalues: () => {
+    const laws = SIDES.map((side) => ({ ...STYLES[side], letter: LETTERS[side], gain: shown[side].gain }));
+    at("fed_back").textContent = drawEigenvalues(at("eigenvalues"), shown, laws.filter(({ gain }) => gain > 0));
+  },
   histories: () => drawHistories(at, driven(), Math.max(duration(), 0.1), now),
   responses: () => (at("wrong_way").textContent = drawResponses(at, shown.body, shown.point.metres_per_second, shown.linear)),
 };

@@ -1,5 +1,5 @@
 // The views of what is shown: the phase plane, eigenvalues, histories, and the responses to both axles.
-import { eigenvalues, responses, rightZeros, straight } from "./car.mjs";
+import { eigenvalues, fedBack, responses, rightZeros, straight } from "./car.mjs";
 import { DEGREE } from "./choices.mjs";
 import { arrow, axes, band, cells, cross, curve, decades, diamond, dot, indexAt, write } from "./drawing.mjs";
 import { stepResponse, wrongWay } from "./simulation.mjs";
@@ -77,10 +77,12 @@ function drawBehind(canvas, orbits, asked) {
   return plane;
 }
 
-export function drawEigenvalues(canvas, body, points, point) {
+// `laws`: of the cars whose rear wheels are steered by a gain times the yaw rate. Gives a sentence about them.
+export function drawEigenvalues(canvas, { body, points, point }, laws) {
   const path = points.map(({ metres_per_second }) => eigenvalues(straight(body, metres_per_second)));
   const every = Math.ceil(path.length / 40), all = path.filter((_, k) => k % every === 0);
-  const real = path.flat().map(([x]) => x), imaginary = path.flat().map(([, y]) => y);
+  const moved = laws.map(({ gain }) => fedBack(body, point.metres_per_second, gain)), drawn = [...path, ...moved].flat();
+  const real = drawn.map(([x]) => x), imaginary = drawn.map(([, y]) => y);
   const most = Math.max(2, 1.15 * Math.max(...real)), tall = Math.max(2, 1.2 * Math.max(...imaginary));
   const plot = axes(canvas, [1.08 * Math.min(...real), most], [-tall, tall], {
     x: "real part [1/s]: decay (−), growth (+)",
@@ -99,8 +101,13 @@ export function drawEigenvalues(canvas, body, points, point) {
     cross(plot, x, y, "ink");
     if (k === 0 || y !== 0 || plot.px(second) - plot.px(first) > 70) write(plot, x, y, y >= 0 ? -16 : 16, here);
   });
-  const words = values.map(([x, y]) => x.toFixed(2) + (y ? ` ${y > 0 ? "+" : "−"} ${Math.abs(y).toFixed(2)} i` : ""));
-  canvas.setAttribute("aria-label", `Eigenvalues at this speed: ${words.join(", ")} per second`);
+  moved.forEach((pair, k) => {
+    for (const [x, y] of pair) dot(plot, x, y, laws[k].color, 9 - 3 * k, false);
+  });
+  const inWords = (pair) => pair.map(([x, y]) => x.toFixed(2).replace("-", "−") + (y ? ` ${y > 0 ? "+" : "−"} ${Math.abs(y).toFixed(2)} i` : "")).join(", ");
+  const others = laws.map(({ letter }, k) => `Circles: car ${letter} with its rear wheels after the yaw rate (${inWords(moved[k])} per second).`).join(" ");
+  canvas.setAttribute("aria-label", `Eigenvalues at this speed: ${inWords(values)} per second. ${others}`);
+  return others;
 }
 
 // `at(id)`: the canvases; `cars`: with what each is drawn with.
