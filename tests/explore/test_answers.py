@@ -57,6 +57,20 @@ def test_the_recoverable_set_is_that_of_analysis():
     assert (found["sideslip"], found["yaw_rate"]) == (known.sideslip_limit, known.yaw_rate_limit)
 
 
+def test_the_recoverable_set_is_that_of_the_actuators_angle_limits(monkeypatch):
+    asked_for = {}
+
+    def noted(*arguments, steer_limits, **words):
+        asked_for["limits"] = steer_limits
+        raise analysis.IntractableError("noted")
+
+    monkeypatch.setattr(analysis, "recoverable_set", noted)
+    limited = {"angle_limit": 0.02, "time_constant": 0.05}
+    with pytest.raises(ValueError, match="noted"):
+        Answers().answer(asked(ask="recoverable", rear_actuator=limited))
+    assert asked_for["limits"] == (answers.FRONT.angle_limit, 0.02)
+
+
 @pytest.mark.parametrize(
     ("question", "complaint"),
     [

@@ -15,11 +15,11 @@ export const WHO = {
 const { you, ...OTHERS } = WHO;
 export { OTHERS }; // at the wheel of car B
 export const BEHIND = {
-  nobody: "nobody (wheels straight)",
+  nobody: WHO.nobody,
   "yaw-rate": "yaw-rate feedback",
-  "zero-sideslip": "zero sideslip (a filter)",
-  "speed-dependent": "a ratio by speed",
-  sano: "Sano's: by steering angle",
+  "zero-sideslip": "a zero-sideslip filter",
+  "speed-dependent": "the speed's ratio",
+  sano: "Sano's angle curve",
   lqr: WHO.lqr,
   policy: WHO.policy,
 };

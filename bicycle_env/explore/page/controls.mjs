@@ -47,7 +47,9 @@ export function build(data) {
   }
 }
 
-export const areActuatorsUsual = (data, chosen) => Object.entries(usualActuators(data)).every(([name, value]) => chosen[name] === value);
+// Whether tires and actuators lag as usual.
+export const isUsual = (data, chosen) => chosen.relaxation_length === 0 &&
+  Object.entries(usualActuators(data)).every(([name, value]) => chosen[name] === value);
 
 function showCar({ data, chosen, shown }) {
   const { point, body, straight } = shown, heading = speedInWords(data, point.metres_per_second, straight.critical_speed);
@@ -59,7 +61,7 @@ function showCar({ data, chosen, shown }) {
   for (const [part, { unit, per, digits }] of Object.entries(PARTS)) say(part, `${(body[part] / per).toFixed(digits)} ${unit}`);
   for (const name of ACTUATOR_NAMES) say(name, `${chosen[name]} ${ACTUATORS[name.slice(name.indexOf("_") + 1)].unit}`);
   at("as_preset").disabled = !isChanged(chosen);
-  at("usual_actuators").disabled = areActuatorsUsual(data, chosen);
+  at("usual_actuators").disabled = isUsual(data, chosen);
   put("source", isChanged(chosen)
     ? `Changed from the preset ${chosen.vehicle}: what the list says of it holds no more.`
     : data.presets[chosen.vehicle].source.replaceAll("`", ""));

@@ -223,7 +223,8 @@ export function road(canvas, cars, now, halfWidth, gust) {
     pen.textBaseline = "top";
     const isLast = columns && k === columns.time.length - 1;
     const end = isLast || !columns ? `: ${one.ending}` : "", squared = halfWidth === null ? " (squares of 5 m)" : "";
-    pen.fillText(`Car ${one.letter}, ${one.who}${end}${squared}`, 4, each * row + 4, width - 8);
+    const fitting = [one.who, one.shortly].map((who) => `Car ${one.letter}, ${who}${end}${squared}`);
+    pen.fillText(fitting.find((words) => pen.measureText(words).width < width - 8) ?? fitting[1], 4, each * row + 4, width - 8);
   });
 }
 

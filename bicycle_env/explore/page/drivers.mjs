@@ -33,7 +33,7 @@ function designed(name, called, { design }) {
   const { found, pending, why } = design(name);
   if (found) return found;
   if (pending) return { why: `${called} is being designed for this car`, pending };
-  return { why: why ?? `${called} for a changed car is designed by Python: start “bicycle-env explore” on your machine` };
+  return { why: why ?? `${called} for a changed car or steering is designed by Python: start “bicycle-env explore” on your machine` };
 }
 
 // An angle at the front wheels, step after step: { act, reset }, or { why } not.

@@ -1,7 +1,7 @@
 // The page: what is chosen, and what follows from it.
 import { bodyOf, isChanged, nearest, PARTS, pointsOf, straight } from "./car.mjs";
 import { DEGREE, ending, fromHash, moduleOf, NUMBERS, placeOf, sensible, SIDES, toHash, usualActuators, usualSpeed, WHO, whoInWords } from "./choices.mjs";
-import { areActuatorsUsual, at, build, CHOICES, complaintOf, LETTERS, show, SLIDERS } from "./controls.mjs";
+import { at, build, CHOICES, complaintOf, isUsual, LETTERS, show, SLIDERS } from "./controls.mjs";
 import { data } from "./data.mjs";
 import { Designs } from "./designs.mjs";
 import { road } from "./drawing.mjs";
@@ -90,7 +90,7 @@ function sayOfPlane(words, busy = false) {
 function drawRoad() {
   const { start, duration: blows } = data.gust, gust = now >= start && now < start + blows ? chosen.gust : 0;
   const cars = SIDES.map((side) => ({
-    ...{ ...STYLES[side], letter: LETTERS[side], ...shown[side], who: WHO[chosen[side]] },
+    ...{ ...STYLES[side], letter: LETTERS[side], ...shown[side], shortly: WHO[chosen[side]] },
     ending: shown[side].why ? "does not drive" : ending(shown[side], chosen.area),
   }));
   road(at("road"), cars, now, chosen.area === "field" ? null : data.half_width.lane, gust);
@@ -108,7 +108,7 @@ const VIEWS = {
   phase: drawPlane,
   eigenvalues: () => {
     const laws = SIDES.map((side) => ({ ...STYLES[side], letter: LETTERS[side], gain: shown[side].gain }));
-    at("fed_back").textContent = drawEigenvalues(at("eigenvalues"), shown, laws.filter(({ gain }) => gain > 0));
+    at("fed_back").textContent = drawEigenvalues(at("eigenvalues"), shown, laws.filter(({ gain }) => gain !== undefined));
   },
   histories: () => drawHistories(at, driven(), Math.max(duration(), 0.1), now),
   responses: () => (at("wrong_way").textContent = drawResponses(at, shown.body, shown.point.metres_per_second, shown.linear)),
@@ -194,16 +194,17 @@ function play() {
   const frame = (stamp) => {
     now += before === null ? 0 : Math.min((stamp - before) / 1000, 0.1); // a page that was hidden goes on where it was
     before = stamp;
-    const wasOver = hands.every((side) => shown[side].over);
+    const endings = () => hands.map((side) => ending(shown[side])).join(), said = endings();
     for (const side of hands) shown[side].until(now);
     const over = hands.every((side) => shown[side].over);
-    if (over && !wasOver) showControls();
+    if (endings() !== said) showControls();
     if (over) now = Math.min(now, duration());
     drawNow();
     if (!over || now < duration()) playing = requestAnimationFrame(frame);
     else stop();
   };
   playing = requestAnimationFrame(frame);
+  at("road").scrollIntoView({ block: "nearest" });
   at("play").textContent = "Pause";
 }
 
@@ -236,7 +237,7 @@ async function takeFiles(given) {
 
 build(data);
 at("change").open = isChanged(chosen);
-at("change_actuators").open = chosen.relaxation_length > 0 || !areActuatorsUsual(data, chosen);
+at("change_actuators").open = !isUsual(data, chosen);
 
 at("vehicle").addEventListener("change", ({ target }) => {
   const to = data.presets[target.value];
@@ -247,7 +248,7 @@ at("vehicle").addEventListener("change", ({ target }) => {
 for (const name of CHOICES.slice(1)) at(name).addEventListener("change", ({ target }) => choose({ [name]: target.value }));
 for (const name of SLIDERS) at(name).addEventListener("input", ({ target }) => choose({ [name]: Number(target.value) }));
 at("as_preset").addEventListener("click", () => choose(AS_PRESET));
-at("usual_actuators").addEventListener("click", () => choose(usualActuators(data)));
+at("usual_actuators").addEventListener("click", () => choose({ ...usualActuators(data), relaxation_length: 0 }));
 at("straight").addEventListener("click", () => choose({ sideslip: 0, yaw_rate: 0, area: "field" }));
 at("recoverable").addEventListener("change", ({ target }) => choose({ recoverable: target.checked ? "on" : "off" }));
 for (const name of ["sideslip", "yaw_rate"]) {

@@ -54,7 +54,7 @@ export function askForPlane(data, shown, chosen, say, done) {
       if (wants && usualLimits && chosen.steer === "both") mine.recoverable = exported.recoverable;
     }
     const whole = mine.portrait && (mine.recoverable || !wants);
-    say(whole ? "" : "Steady turns and the green set of other cars, speeds and roads are computed by Python: start “bicycle-env explore” on your machine.");
+    say(whole ? "" : "Steady turns and the green set of other cars, speeds, roads and steering are computed by Python: start “bicycle-env explore” on your machine.");
     return;
   }
   waiting = new AbortController();

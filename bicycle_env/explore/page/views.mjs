@@ -81,7 +81,8 @@ function drawBehind(canvas, orbits, asked) {
 export function drawEigenvalues(canvas, { body, points, point }, laws) {
   const path = points.map(({ metres_per_second }) => eigenvalues(straight(body, metres_per_second)));
   const every = Math.ceil(path.length / 40), all = path.filter((_, k) => k % every === 0);
-  const moved = laws.map(({ gain }) => fedBack(body, point.metres_per_second, gain)), drawn = [...path, ...moved].flat();
+  const active = laws.filter(({ gain }) => gain > 0), idle = laws.filter(({ gain }) => gain === 0);
+  const moved = active.map(({ gain }) => fedBack(body, point.metres_per_second, gain)), drawn = [...path, ...moved].flat();
   const real = drawn.map(([x]) => x), imaginary = drawn.map(([, y]) => y);
   const most = Math.max(2, 1.15 * Math.max(...real)), tall = Math.max(2, 1.2 * Math.max(...imaginary));
   const plot = axes(canvas, [1.08 * Math.min(...real), most], [-tall, tall], {
@@ -102,10 +103,13 @@ export function drawEigenvalues(canvas, { body, points, point }, laws) {
     if (k === 0 || y !== 0 || plot.px(second) - plot.px(first) > 70) write(plot, x, y, y >= 0 ? -16 : 16, here);
   });
   moved.forEach((pair, k) => {
-    for (const [x, y] of pair) dot(plot, x, y, laws[k].color, 9 - 3 * k, false);
+    for (const [x, y] of pair) dot(plot, x, y, active[k].color, 9 - 3 * k, false);
   });
   const inWords = (pair) => pair.map(([x, y]) => x.toFixed(2).replace("-", "−") + (y ? ` ${y > 0 ? "+" : "−"} ${Math.abs(y).toFixed(2)} i` : "")).join(", ");
-  const others = laws.map(({ letter }, k) => `Circles: car ${letter} with its rear wheels after the yaw rate (${inWords(moved[k])} per second).`).join(" ");
+  const others = [
+    ...active.map(({ letter }, k) => `Circles: car ${letter} with its rear wheels after the yaw rate (${inWords(moved[k])} per second).`),
+    ...idle.map(({ letter }) => `This car at this speed needs no yaw-rate feedback: car ${letter} has the speed's ratio alone.`),
+  ].join(" ");
   canvas.setAttribute("aria-label", `Eigenvalues at this speed: ${inWords(values)} per second. ${others}`);
   return others;
 }
