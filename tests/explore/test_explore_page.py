@@ -162,6 +162,11 @@ def test_the_runs_are_the_environments_and_the_python_runs(hash, folder, capsys)
     assert env.unwrapped.speed == pytest.approx(found["speed"], rel=1e-15)
     assert start["lateral_velocity"] == pytest.approx(math.radians(chosen["sideslip"]) * found["speed"])
     assert start["yaw_rate"] == pytest.approx(math.radians(chosen["yaw_rate"]))
+    for axle, actuator in (("front", env.unwrapped.front_actuator), ("rear", env.unwrapped.rear_actuator)):
+        degrees = (chosen[f"{axle}_angle_limit"], chosen[f"{axle}_rate_limit"])
+        assert (actuator.angle_limit, actuator.rate_limit) == tuple(map(math.radians, degrees))
+        assert actuator.time_constant == chosen[f"{axle}_time_constant"] / 1000.0
+    assert (env.unwrapped.relaxation_length or 0.0) == chosen["relaxation_length"]
     policies = eval(
         f"({re.search(r'for policy in [(](.*?)^[)]:', found['python'], re.DOTALL | re.MULTILINE)[1]})", names
     )
