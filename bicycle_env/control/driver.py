@@ -207,7 +207,8 @@ class Scripted(Driver):
 
     Args:
         plant: the environment.
-        manoeuvre: as the keyword ``driver`` of the environments takes it, with a side that is not drawn.
+        manoeuvre: as the keyword ``driver`` of the environments takes it, with a side that is not drawn. An attribute,
+            too: the driver of ``bicycle_env.drivers``.
         model: see :class:`Driver`.
 
     Raises:
@@ -222,9 +223,7 @@ class Scripted(Driver):
             raise ValueError(f"manoeuvre: side must be 'left' or 'right', got {found.side!r}")
         self.name = found.name.replace("_", "-")
         super().__init__(plant, model)
-        self._sign, self._timestep = SIDES[found.side][0], plant.action_timestep
-        self._law = found.law(NUMPY, plant.task.reference(NUMPY))
-        self._numbers = SimpleNamespace(**found.numbers())
+        self.manoeuvre, self._sign, self._timestep = found, SIDES[found.side][0], plant.action_timestep
         self._steps = Remembered(1)
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
@@ -232,7 +231,9 @@ class Scripted(Driver):
 
     def front_steer(self, observation: Matrix) -> Matrix:
         steps = self._steps.of(len(observation))[:, 0]
-        angle: Matrix = self._sign * self._law(None, None, steps * self._timestep, self._numbers, None)
+        law = self.manoeuvre.law(NUMPY, lambda *_: None)  # without eyes it needs no reference
+        numbers = SimpleNamespace(**self.manoeuvre.numbers())
+        angle: Matrix = self._sign * law(None, None, steps * self._timestep, numbers, None)
         steps += 1.0
         return angle
 

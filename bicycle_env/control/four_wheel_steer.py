@@ -211,7 +211,6 @@ class Sano(RearLaw):
         pieces = range(len(front) - 1, len(whole.x) - 1)
         self.pieces = tuple((float(whole.x[k]), *whole.c[::-1, k].tolist()) for k in pieces)
         self.last = float(front[-1])
-        self._curve = self.curve(NUMPY)
 
     def curve(self, xp: Any) -> Callable[[Any], Any]:
         """The law ``(front steer) -> rear steer``, rad."""
@@ -230,7 +229,7 @@ class Sano(RearLaw):
         return curve
 
     def rear_steer(self, front_steer: Matrix, yaw_rate: Matrix) -> Matrix:  # noqa: ARG002
-        angle: Matrix = self._curve(front_steer)
+        angle: Matrix = self.curve(NUMPY)(front_steer)
         return angle
 
 

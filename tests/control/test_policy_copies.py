@@ -31,11 +31,15 @@ def make(name):
         width = len(ENV.observation_names) * acts.get("history", 1)
         layers = [(np.full((4, width), 0.1), np.zeros(4)), (np.full((2, 4), 0.1), np.zeros(2))]
         return Network(layers, "tanh", "clip", {"observation_names": list(ENV.observation_names), **acts})
+    if name == "scripted":
+        return control.Scripted(ENV, {"name": "step", "start": 0.05, "side": "left"})
     return control.make(name, HOMES.get(name, ENV))
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", [*control.POLICIES, "noisy lqg", "preview+sano", "network", "network that remembers"])
+@pytest.mark.parametrize(
+    "name", [*control.POLICIES, "noisy lqg", "preview+sano", "scripted", "network", "network that remembers"]
+)
 def test_a_copy_goes_on_as_the_original(name, way):
     policy = make(name)
     policy.reset()
@@ -45,7 +49,7 @@ def test_a_copy_goes_on_as_the_original(name, way):
     other = WAYS[way](policy)
     actions = [policy.act(observation) for observation in seen[3:]]  # the original first: nothing is shared
     assert [action.tolist() for action in actions] == [other.act(row).tolist() for row in seen[3:]]
-    if name in ("mpc", "lqg", "network that remembers"):
+    if name in ("mpc", "lqg", "scripted", "network that remembers"):
         other.reset()
         assert other.act(seen[3]).tolist() != actions[0].tolist(), "it remembers nothing, so this test is empty"
 
