@@ -194,7 +194,7 @@ def test_rear_wheels_that_steer_save_what_a_driver_has_spun(visit):
     matrix = yaw_rate_feedback_matrix(vehicles["oversteer"], 1.2 * vehicles["oversteer"].critical_speed, gain)
     values = ", ".join(f"\N{MINUS SIGN}{-value:.2f}" for value in sorted(np.linalg.eigvals(matrix)))
     page.locator(
-        "#fed_back", has_text=f"Circles: car B with its rear wheels after the yaw rate ({values} per"
+        "#fed_back", has_text=f"Circles: car B with rear wheels after the yaw rate ({values} per"
     ).wait_for()
     slide(page, "mass", 120)
     page.locator("#ending_right", has_text="has not spun in 8.00 s").wait_for()

@@ -25,12 +25,12 @@ export const BEHIND = {
 };
 export const EXPLAINED = {
   nobody: "The rear wheels stay straight, as in most cars.",
-  "yaw-rate": "The rear wheels turn against the yaw that is measured, which moves the eigenvalues (circles); and with the front wheels (Toyota, 1991).",
+  "yaw-rate": "The faster the car yaws, the further the rear wheels turn to the same side, which holds the yaw back: it moves the eigenvalues (circles). And a share of the front wheels' angle (Toyota, 1991).",
   "zero-sideslip": "After the front wheels alone: first against them, which starts the turn, then with them, so that the car does not slip sideways (the form of Nissan's, 1990). It moves no eigenvalue.",
   "speed-dependent": "The front wheels' angle times a ratio: against them when slow, with them when fast (Mazda, 1987). It moves no eigenvalue.",
   sano: "After the front wheels' angle: small ones with them, large ones against them (Honda, 1987). The same for every car and speed. It moves no eigenvalue.",
-  lqr: "The rear half of LQR, which wants straight running.",
-  policy: "The rear half of the trained policy, which wants straight running.",
+  lqr: "What LQR would do with the rear wheels: it wants straight running.",
+  policy: "What the trained policy would do with the rear wheels: it wants straight running.",
 };
 export const STEER = { both: "front and rear axle", front: "front axle alone", rear: "rear axle alone" };
 export const AREA = { lane: "a lane", field: "an open field" };

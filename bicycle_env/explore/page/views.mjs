@@ -82,7 +82,8 @@ export function drawEigenvalues(canvas, { body, points, point }, laws) {
   const path = points.map(({ metres_per_second }) => eigenvalues(straight(body, metres_per_second)));
   const every = Math.ceil(path.length / 40), all = path.filter((_, k) => k % every === 0);
   const active = laws.filter(({ gain }) => gain > 0), idle = laws.filter(({ gain }) => gain === 0);
-  const moved = active.map(({ gain }) => fedBack(body, point.metres_per_second, gain)), drawn = [...path, ...moved].flat();
+  const moved = active.map(({ gain }) => fedBack(body, point.metres_per_second, gain)); // the same of both cars
+  const drawn = [...path, ...moved].flat();
   const real = drawn.map(([x]) => x), imaginary = drawn.map(([, y]) => y);
   const most = Math.max(2, 1.15 * Math.max(...real)), tall = Math.max(2, 1.2 * Math.max(...imaginary));
   const plot = axes(canvas, [1.08 * Math.min(...real), most], [-tall, tall], {
@@ -105,11 +106,11 @@ export function drawEigenvalues(canvas, { body, points, point }, laws) {
   moved.forEach((pair, k) => {
     for (const [x, y] of pair) dot(plot, x, y, active[k].color, 9 - 3 * k, false);
   });
-  const inWords = (pair) => pair.map(([x, y]) => x.toFixed(2).replace("-", "−") + (y ? ` ${y > 0 ? "+" : "−"} ${Math.abs(y).toFixed(2)} i` : "")).join(", ");
-  const others = [
-    ...active.map(({ letter }, k) => `Circles: car ${letter} with its rear wheels after the yaw rate (${inWords(moved[k])} per second).`),
-    ...idle.map(({ letter }) => `This car at this speed needs no yaw-rate feedback: car ${letter} has the speed's ratio alone.`),
-  ].join(" ");
+  const inWords = (pair) => pair.map(([x, y]) => x.toFixed(2).replace("-", "−") + (Math.abs(y) > 0.005 ? ` ${y > 0 ? "+" : "−"} ${Math.abs(y).toFixed(2)} i` : "")).join(", ");
+  const named = (cars) => cars.map(({ letter }) => `car ${letter}`).join(" and ");
+  const others = active.length ? `Circles: ${named(active)} with rear wheels after the yaw rate (${inWords(moved[0])} per second).`
+    : idle.length ? `This car at this speed needs no yaw-rate feedback: ${named(idle)} has the speed's ratio alone.`
+    : "";
   canvas.setAttribute("aria-label", `Eigenvalues at this speed: ${inWords(values)} per second. ${others}`);
   return others;
 }
