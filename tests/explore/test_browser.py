@@ -140,6 +140,9 @@ def test_the_sentence_is_analysis_and_follows_the_sliders(visit, capsys):
 
 def test_a_click_or_a_key_is_a_start_and_a_bad_number_a_sentence(visit):
     page = visit("sideslip=3")
+    below = ink(page, "step_yaw_rate")  # not on the screen: drawn later, but drawn
+    slide(page, "point", 5)
+    assert ink(page, "step_yaw_rate") != below
     canvas = page.locator("#phase")
     size, before = canvas.bounding_box(), ink(page, "phase")
     canvas.click(position={"x": 0.7 * size["width"], "y": 0.3 * size["height"]})
@@ -193,9 +196,7 @@ def test_rear_wheels_that_steer_save_what_a_driver_has_spun(visit):
     gain = yaw_rate_feedback_gain(vehicles["oversteer"], 1.2 * vehicles["oversteer"].critical_speed)
     matrix = yaw_rate_feedback_matrix(vehicles["oversteer"], 1.2 * vehicles["oversteer"].critical_speed, gain)
     values = ", ".join(f"\N{MINUS SIGN}{-value:.2f}" for value in sorted(np.linalg.eigvals(matrix)))
-    page.locator(
-        "#fed_back", has_text=f"Circles: car B with rear wheels after the yaw rate ({values} per"
-    ).wait_for()
+    page.locator("#fed_back", has_text=f"Circles: car B with rear wheels after the yaw rate ({values} per").wait_for()
     slide(page, "mass", 120)
     page.locator("#ending_right", has_text="has not spun in 8.00 s").wait_for()
     slide(page, "rear_angle_limit", 0.5)

@@ -224,6 +224,11 @@ def test_an_address_that_is_not_understood_is_said(folder):
     assert "in 0.1 to 1.2" in found["complaints"][1]
     assert found["chosen"]["vehicle"] == "oversteer"
     assert "speed_ratio=1.25" in found["hash"]
+    found = in_node(folder, "#left=step&left_rear=lqr&right_rear=sano&relaxation_length=0.1&area=moon&angle=x")
+    assert len(found["complaints"]) == 4
+    assert "left_rear “lqr”, which goes with you at the wheel only" in found["complaints"][-1]
+    assert "must be 0, or in 0.2 to 1.2" in " ".join(found["complaints"])
+    assert [found["chosen"][name] for name in ("left_rear", "right_rear")] == ["nobody", "sano"]
 
 
 @needs_node
