@@ -159,7 +159,7 @@ def test_a_start_takes_the_same_random_numbers_with_options_or_without():
 
 def test_the_change_of_lane_begins_at_each_cars_own_place():
     """change_start is a time: the place depends on the speed."""
-    env = make(LANE_CHANGE, tire="tanh", speed=[20.0, 30.0, 40.0, 20.0, 30.0, 40.0])
+    env = make(LANE_CHANGE, speed=[20.0, 30.0, 40.0, 20.0, 30.0, 40.0])
     env.reset(options={"change_start": 0.5})
     assert env.state.change_start.tolist() == [10.0, 15.0, 20.0] * 2
 

@@ -28,7 +28,7 @@ import bicycle_env  # noqa: F401
 from bicycle_env.registration import ENVIRONMENTS
 
 IDS = [row.id for row in ENVIRONMENTS]
-ROWS, STEPS, LIMIT = 4, 130, 50
+ROWS, STEPS, LIMIT = 6, 130, 50
 MODES = ["NextStep", "SameStep"]
 
 TWO, ONE = np.float32(2.0), np.float32(1.0)
