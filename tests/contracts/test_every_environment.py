@@ -2,6 +2,7 @@
 
 import copy
 import hashlib
+import itertools
 import os
 import pickle
 import subprocess
@@ -13,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from combinations import ON_ROADS, pairwise
+import vector_cases
 from gymnasium.utils.env_checker import check_env
 
 import bicycle_env
@@ -37,15 +38,23 @@ class Combination(NamedTuple):
         return 2 if self.steer == "both" else 1
 
 
-KINDS = (tires.LAWS, ("small_angle", "exact"), ("front", "rear", "both"), (False, True))
-LATER = [env_id for env_id in MAX_STEPS if env_id not in ON_ROADS]
-ROWS = [row for ids in (ON_ROADS, LATER) for row in pairwise(ids, *KINDS)]
+STEERS = ("front", "rear", "both")
+OFTEN = [
+    Combination(kind.id, kind.tire, kind.geometry, steer, bool((k + j) % 2))
+    for k, kind in enumerate(
+        kind for kind in vector_cases.COMBINATIONS[: vector_cases.PAIRWISE] if kind.reward == "default"
+    )
+    for j, steer in enumerate(STEERS)
+]
+"""Of `make test`: of all the ways to compile that tests/bits takes pairwise, those with the default reward."""
+COMBINATIONS = [
+    Combination(*row)
+    for row in itertools.product(MAX_STEPS, tires.LAWS, ("small_angle", "exact"), STEERS, (False, True))
+]
 every = pytest.mark.parametrize(
     "combination",
-    [
-        pytest.param(Combination(*one.values), id="-".join(map(str, one.values)), marks=one.marks)
-        for one in (row if hasattr(row, "marks") else pytest.param(*row) for row in ROWS)
-    ],
+    [pytest.param(row, marks=() if row in OFTEN else pytest.mark.exhaustive) for row in COMBINATIONS],
+    ids=lambda row: "-".join(map(str, row)),
 )
 
 
