@@ -14,11 +14,11 @@ def only_all(*values):
 
 
 def some_of(rows, chosen):
-    """Rows of one parameter: `make test` takes the chosen ones."""
+    """Rows, tuples where there are several parameters: `make test` takes the chosen ones."""
     rows, chosen = list(rows), list(chosen)
     if not set(chosen) <= set(rows):
         raise ValueError(f"chosen must be among {rows}, got {chosen}")
-    return [row if row in chosen else only_all(row) for row in rows]
+    return [row if row in chosen else only_all(*row) if isinstance(row, tuple) else only_all(row) for row in rows]
 
 
 def pairwise(*columns):

@@ -36,12 +36,19 @@ OF_THEM = (
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
+    """Mark what is left to `make test-all`: later ids; of parameters that multiply, all but one row for each value."""
+    seen = set()
     for item in items:
         parameters = getattr(item, "callspec", None)
         values = [] if parameters is None else [getattr(each, "id", each) for each in parameters.params.values()]
         of_them = any(value in LATER for value in values if isinstance(value, str))
         if item.path.name in OF_THEM or (of_them and item.path.name not in AT_ONCE):
             item.add_marker(pytest.mark.exhaustive)
+        if parameters is not None and item.get_closest_marker("exhaustive") is None:
+            places = {(item.nodeid.partition("[")[0], *place) for place in parameters.indices.items()}
+            if places <= seen:
+                item.add_marker(pytest.mark.exhaustive)
+            seen |= places
 
 
 @pytest.fixture

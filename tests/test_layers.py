@@ -180,34 +180,47 @@ OURS = modules_under(PACKAGE)
 OURS_AND_AGENTS = modules_under(PACKAGE, "agents")
 
 
-@pytest.mark.parametrize("path", OURS, ids=name_of)
-def test_imports_go_downwards(path):
-    module, layer = module_and_layer(path)
-    assert layer in ROWS, f"{layer} has no row in this test: say what it may import"
-    assert violations(path.read_text(encoding="utf-8"), layer, module) == []
+def broken(rule, paths):
+    """What a rule finds, by file, where it finds something."""
+    found = {name_of(path): rule(path) for path in paths}
+    return {name: faults for name, faults in found.items() if faults}
 
 
-@pytest.mark.parametrize("path", modules_under("agents"), ids=name_of)
-def test_agents_use_public_names_only(path):
-    assert private_imports(path.read_text(encoding="utf-8")) == []
+def test_imports_go_downwards():
+    def rule(path):
+        module, layer = module_and_layer(path)
+        if layer not in ROWS:
+            return [f"{layer} has no row in this test: say what it may import"]
+        return violations(path.read_text(encoding="utf-8"), layer, module)
+
+    assert broken(rule, OURS) == {}
 
 
-@pytest.mark.parametrize("path", OURS, ids=name_of)
-def test_the_package_does_not_import_the_scripts(path):
-    tops = {found.module.split(".")[0] for found in imports_of(path.read_text(encoding="utf-8"))}
-    assert not tops & {"agents", "tests", "benchmarks", "tools"}
+def test_agents_use_public_names_only():
+    assert broken(lambda path: private_imports(path.read_text(encoding="utf-8")), modules_under("agents")) == {}
 
 
-@pytest.mark.parametrize("path", OURS_AND_AGENTS, ids=name_of)
-def test_files_stay_short(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST_FILE
+def test_the_package_does_not_import_the_scripts():
+    def rule(path):
+        tops = {found.module.split(".")[0] for found in imports_of(path.read_text(encoding="utf-8"))}
+        return tops & {"agents", "tests", "benchmarks", "tools"}
+
+    assert broken(rule, OURS) == {}
 
 
-@pytest.mark.parametrize("path", OURS_AND_AGENTS, ids=name_of)
-def test_no_assert_statements(path):
+def test_files_stay_short():
+    lengths = {name_of(path): len(path.read_text(encoding="utf-8").splitlines()) for path in OURS_AND_AGENTS}
+    assert {name: length for name, length in lengths.items() if length > LONGEST_FILE} == {}
+
+
+def test_no_assert_statements():
     """python -O removes them."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    assert [node.lineno for node in ast.walk(tree) if isinstance(node, ast.Assert)] == []
+
+    def rule(path):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        return [node.lineno for node in ast.walk(tree) if isinstance(node, ast.Assert)]
+
+    assert broken(rule, OURS_AND_AGENTS) == {}
 
 
 def test_the_layers_exist():

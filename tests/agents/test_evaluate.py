@@ -46,11 +46,11 @@ def test_the_command_prints_a_table_and_writes_a_file(tmp_path):
     ("words", "text"),
     [
         (["--policy", "lrq"], "did you mean 'lqr'? There is no folder 'lrq' of a trained policy either."),
-        (["--policy", "sano"], "needs a driver at the front: 'preview+sano'"),
+        only_all(["--policy", "sano"], "needs a driver at the front: 'preview+sano'"),
         only_all(["--policy", "preview", "--env-keywords", '{"steer": "rear"}'], "steer must be"),
         only_all(["--env-id", "BicycleStab-v9"], "Ids of this package"),
         only_all(["--env-keywords", '{"speed": -1}'], "speed must be"),
-        (["--episodes", "0"], "--episodes"),
+        only_all(["--episodes", "0"], "--episodes"),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_code_2(words, text):
@@ -64,7 +64,7 @@ HELPED = ["train", "ppo", "policy_search", "evaluate", "benchmark", "seeds", "de
 HELPED += ["collect", "jobs", "ppo_jax", "train_rllib", "mpc_headroom", "robustness", "moving_picture"]
 
 
-@pytest.mark.parametrize("module", some_of(HELPED, ["train"]))
+@pytest.mark.parametrize("module", some_of(HELPED, []))
 def test_help_teaches(module):
     done = command(f"agents.{module}", "--help")
     assert done.returncode == 0

@@ -289,6 +289,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.exhaustive
 def test_a_spawned_worker_imports_the_tasks_module(tmp_path):
     (tmp_path / "my_task.py").write_text(MODULE)
     (tmp_path / "program.py").write_text(PROGRAM)

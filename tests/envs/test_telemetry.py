@@ -1,10 +1,12 @@
 """What `info`, `state` and `stability` say, against formulas written out here."""
 
+import itertools
 import math
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from combinations import some_of
 
 from bicycle_env import Vehicle, analysis, tires, vehicles
 from bicycle_env.physics.car import CarState, car_on_road
@@ -27,8 +29,11 @@ def wander(env, number, seed=0):
             env.reset()
 
 
-@pytest.mark.parametrize("geometry", ["small_angle", "exact"])
-@pytest.mark.parametrize("tire", tires.LAWS)
+OFTEN = [("linear", "small_angle"), ("fiala", "exact"), ("tanh", "small_angle"), ("magic_formula", "exact")]
+"""Compiled for other tests, too."""
+
+
+@pytest.mark.parametrize(("tire", "geometry"), some_of(itertools.product(tires.LAWS, ("small_angle", "exact")), OFTEN))
 def test_accelerations_and_forces(tire, geometry):
     env = gym.make("BicycleStab-v0", tire=tire, geometry=geometry, telemetry=True, friction=0.9)
     plant, car = env.unwrapped, env.unwrapped.vehicle

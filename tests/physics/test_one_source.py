@@ -115,7 +115,7 @@ def test_the_commands_excite_the_car():
     assert np.abs(slip).max() > np.arctan(3.0 * CAR.front_peak_force / CAR.front_cornering_stiffness)
 
 
-DEFAULTS = [("linear", "small_angle"), ("fiala", "exact")]
+DEFAULTS = [("fiala", "exact")]
 
 
 @pytest.mark.parametrize(
