@@ -74,7 +74,7 @@ class Extent(NamedTuple):
 
 
 FULL = Extent(2000, 200, 64, 128, 1000, 5, 16, 32, 192)
-QUICK = Extent(200, 24, 12, 64, 200, 1, 6, 8, 64)
+QUICK = Extent(200, 16, 6, 64, 200, 1, 3, 8, 64)
 
 Tell = Callable[[str, float, float], None]
 """``tell(what, done, total)``."""
