@@ -5,7 +5,8 @@
 
 Each round has two new processes, which take turns: where the memory of a process lies changes its speed by some percent
 as long as it lives, whatever the code. Prints the median of the rounds' ratios, an interval that holds the true median
-with at least 95 % (order statistics), and exits 1 if a median is below `--must`. Processor time; two threads: wall time.
+with at least 95 % (order statistics), and exits 1 if a median is below `--must`. Processor time; two threads: wall
+time.
 """
 
 from __future__ import annotations

@@ -189,6 +189,10 @@ FEATURES: dict[str, Names] = {
         "envs/many/block_kernels.py": "_step.step:success _step.step.steps_to_settle",
         "envs/many/blocks.py": "SharedLayout.steps_to_settle",
     },
+    "laws compiled without machine code of their own": {
+        "backends/part.py": "*",
+        "backends/compiled.py": "entry_point:bind_environments",
+    },
     "code compiled once for equal contents": {"backends/compiled.py": "PARTS ENTRY_POINTS _without_collecting"},
 }
 

@@ -24,11 +24,11 @@ from llvmlite import ir
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
-from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 from bicycle_env.backends.code_digest import digest
 from bicycle_env.backends.compile_cache import ContentCache
+from bicycle_env.backends.part import Part, PartCompiler, bind_environments
 from bicycle_env.physics import elementary
 
 # The compiler has no licence to round otherwise than the source says: `contract` fuses what suits the processor,
@@ -46,16 +46,6 @@ class LawError(TypeError):
     details: str
 
 
-class Part(CPUDispatcher):  # type: ignore[misc]
-    """A law that other compiled functions take in. No way in from Python: those took half of the compile time."""
-
-    content: str
-
-    def __call__(self, *_: Any, **__: Any) -> Any:
-        """Not from Python: TypeError."""
-        raise TypeError(f"{self.py_func.__name__} is a part of compiled functions: call it from one, or without numba")
-
-
 PARTS: dict[str, Part] = {}
 """Of this process, by content: numba looks at a law once, however many combinations take it in."""
 
@@ -66,7 +56,7 @@ def inlined(law: Callable[..., Any]) -> Any:
         return law
     content = digest(law, COMMON)
     if content not in PARTS:
-        part: Any = numba.njit(law, forceinline=True, no_cpython_wrapper=True, **COMMON)
+        part: Any = numba.njit(law, forceinline=True, no_cpython_wrapper=True, pipeline_class=PartCompiler, **COMMON)
         part.__class__ = Part
         part.content = content
         PARTS[content] = part
@@ -167,6 +157,7 @@ def entry_point(
             dispatcher.compile(signature)
         except NumbaError as error:
             raise _in_one_line(error) from None
+    bind_environments(*dispatcher.overloads.values())
     dispatcher.disable_compile()
     ENTRY_POINTS[content] = dispatcher
     return ENTRY_POINTS[content]

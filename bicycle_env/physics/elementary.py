@@ -21,6 +21,8 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from bicycle_env.physics.records import written
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 PI_2 = np.pi / 2
@@ -164,25 +166,21 @@ def sign_of(xp: Any) -> Callable[[Any], Any]:
 
 def polynomial(xp: Any, coefficients: tuple[float, ...]) -> Callable[[Any], Any]:
     """``c0 + c1 z + c2 z^2 + ...``, in groups of four terms whose parts do not wait for each other (Estrin)."""
-    if len(coefficients) > 4:
-        first, rest = xp.function(polynomial(xp, coefficients[:4])), xp.function(polynomial(xp, coefficients[4:]))
+    names = tuple(f"c{k}" for k in range(len(coefficients)))
+    body = f"z2 = z * z\n    return {_estrin(names)}"
+    found: Callable[[Any], Any] = written(
+        "polynomial", "z", body, multiply_add=xp.multiply_add, **dict(zip(names, coefficients, strict=True))
+    )
+    return found
 
-        def p(z: Any) -> Any:
-            z2 = z * z
-            return xp.multiply_add(z2 * z2, rest(z), first(z))
 
-        return p
-    if len(coefficients) == 1:
-        (c0,) = coefficients
-        return lambda _: c0
-    if len(coefficients) == 2:
-        c0, c1 = coefficients
-        return lambda z: xp.multiply_add(z, c1, c0)
-    if len(coefficients) == 3:
-        c0, c1, c2 = coefficients
-        return lambda z: xp.multiply_add(z * z, c2, xp.multiply_add(z, c1, c0))
-    c0, c1, c2, c3 = coefficients
-    return lambda z: xp.multiply_add(z * z, xp.multiply_add(z, c3, c2), xp.multiply_add(z, c1, c0))
+def _estrin(names: tuple[str, ...]) -> str:
+    """The sum as an expression of ``z`` and ``z2``."""
+    if len(names) > 4:
+        return f"multiply_add(z2 * z2, {_estrin(names[4:])}, {_estrin(names[:4])})"
+    pairs = [names[k : k + 2] for k in range(0, len(names), 2)]
+    first, *rest = [f"multiply_add(z, {pair[1]}, {pair[0]})" if len(pair) == 2 else pair[0] for pair in pairs]
+    return f"multiply_add(z2, {rest[0]}, {first})" if rest else first
 
 
 def needed(coefficients: tuple[float, ...], largest: float, rounding: float) -> tuple[float, ...]:

@@ -14,7 +14,7 @@ from typing import Any
 from bicycle_env.physics.validation import known_keys
 
 
-def _written(name: str, arguments: str, body: str, **scope: Any) -> Any:
+def written(name: str, arguments: str, body: str, **scope: Any) -> Any:
     """A function from its source, with these names around it."""
     exec(f"def {name}({arguments}):\n    {body}", scope)
     return scope[name]
@@ -36,7 +36,7 @@ def fieldwise(xp: Any, record: Any, law: Callable[..., Any], records: int, share
     values = (", ".join([*(f"{one}.{field}" for one in these), *more]) for field in record._fields)
     result = ", ".join(f"law({each})" for each in values)
     return xp.function(
-        _written("fieldwise", ", ".join([*these, *more]), f"return record({result})", record=record, law=law)
+        written("fieldwise", ", ".join([*these, *more]), f"return record({result})", record=record, law=law)
     )
 
 
@@ -48,31 +48,31 @@ def replaced(xp: Any, record: Any, names: tuple[str, ...]) -> Any:
     _check_fields(record, names)
     values = (f"x{names.index(field)}" if field in names else f"a.{field}" for field in record._fields)
     arguments = ", ".join(["a", *(f"x{k}" for k in range(len(names)))])
-    return xp.function(_written("replaced", arguments, f"return record({', '.join(values)})", record=record))
+    return xp.function(written("replaced", arguments, f"return record({', '.join(values)})", record=record))
 
 
 def reader(xp: Any, record: Any, first: int, stride: int) -> Any:
     """``read(numbers, k) -> record``: of car k, each field `stride` numbers after the one before it."""
     values = ", ".join(f"numbers[k + {(first + j) * stride}]" for j in range(len(record._fields)))
-    return xp.function(_written("read", "numbers, k", f"return record({values})", record=record))
+    return xp.function(written("read", "numbers, k", f"return record({values})", record=record))
 
 
 def writer(xp: Any, count: int, first: int, stride: int) -> Any:
     """``write(numbers, k, values)``: the first `count` values, to where :func:`reader` finds them."""
     lines = [f"numbers[k + {(first + j) * stride}] = values[{j}]" for j in range(count)]
-    return xp.function(_written("write", "numbers, k, values", "\n    ".join(lines or ["pass"])))
+    return xp.function(written("write", "numbers, k, values", "\n    ".join(lines or ["pass"])))
 
 
 def field(xp: Any, name: str) -> Any:
     """``f(a) -> a.name``."""
-    return xp.function(_written("field", "a", f"return a.{name}"))
+    return xp.function(written("field", "a", f"return a.{name}"))
 
 
 def merged(xp: Any, record: Any, names: tuple[str, ...]) -> Any:
     """``f(a, b) -> record``: the named fields from b, the others from a; ValueError as :func:`replaced`."""
     _check_fields(record, names)
     values = (f"{'b' if name in names else 'a'}.{name}" for name in record._fields)
-    return xp.function(_written("merged", "a, b", f"return record({', '.join(values)})", record=record))
+    return xp.function(written("merged", "a, b", f"return record({', '.join(values)})", record=record))
 
 
 @functools.cache
@@ -96,25 +96,25 @@ def _made(name: str, fields: tuple[str, ...], values: tuple[Any, ...]) -> Any:
 def joined(xp: Any, record: Any, first: Any, second: Any) -> Any:
     """``f(a, b) -> record``: the fields of a `first`, then those of a `second`."""
     values = [*(f"a.{name}" for name in first._fields), *(f"b.{name}" for name in second._fields)]
-    return xp.function(_written("joined", "a, b", f"return record({', '.join(values)})", record=record))
+    return xp.function(written("joined", "a, b", f"return record({', '.join(values)})", record=record))
 
 
 def part(xp: Any, record: Any) -> Any:
     """``f(a) -> record``: those fields of a larger record."""
     values = ", ".join(f"a.{name}" for name in record._fields)
-    return xp.function(_written("part", "a", f"return record({values})", record=record))
+    return xp.function(written("part", "a", f"return record({values})", record=record))
 
 
 def expression(xp: Any, value: str, arguments: str, **laws: Any) -> Any:
     """``f(arguments)``: an expression of the arguments and of laws, by their names."""
     scope = {name: xp.function(law) for name, law in laws.items()}
-    return xp.function(_written("expression", arguments, f"return {value}", **scope))
+    return xp.function(written("expression", arguments, f"return {value}", **scope))
 
 
 def composed(xp: Any, record: Any, values: Sequence[str], arguments: str, **laws: Any) -> Any:
     """``f(arguments) -> record``: each field from an expression of the arguments and of laws, by their names."""
     scope = {name: xp.function(law) for name, law in laws.items()}
-    return xp.function(_written("composed", arguments, f"return record({', '.join(values)})", record=record, **scope))
+    return xp.function(written("composed", arguments, f"return record({', '.join(values)})", record=record, **scope))
 
 
 def sequence(xp: Any, values: Sequence[str], arguments: str, **laws: Any) -> Any:

@@ -212,6 +212,30 @@ def test_a_part_refuses_to_be_called_from_python():
         part(3.0)
 
 
+def test_a_part_has_no_machine_code_and_keeps_its_constants_and_errors():
+    table = np.linspace(0.0, 1.0, 5)
+
+    def law(k):
+        if k < 0:
+            raise ValueError("k must not be negative")
+        return table[k]
+
+    part = compiled.inlined(law)
+
+    def function(k):
+        return part(k) + 1.0
+
+    entry = compiled.entry_point(function, numba.float64(numba.int64))
+    assert entry(2) == 1.5
+    with pytest.raises(ValueError, match="k must not be negative"):
+        entry(-1)
+    (name,) = [result.fndesc.mangled_name for result in part.overloads.values()]
+    (result,) = part.overloads.values()
+    engine = next(iter(entry.overloads.values())).library.codegen._engine
+    assert result.library.get_pointer_to_function(name) == 0
+    assert not engine.is_symbol_defined(name)
+
+
 def test_code_compiled_with_another_licence_is_other_code(monkeypatch):
     """What was compiled while the compiler might fuse must not be found when it may not."""
 

@@ -31,16 +31,16 @@ def step_of_one(kind: Kind, reward: Reward) -> Any:
     def step(numbers: Any, observation: Any, front: float, rear: float) -> tuple[float, int, float, bool]:
         if not (np.isfinite(front) and np.isfinite(rear)):
             return 0.0, BAD_ACTION, 0.0, False
-        shared_numbers, block = numbers[:size], numbers[size:]
+        shared_numbers, block, row = numbers[:size], numbers[size:], np.int64(0)  # a literal 0 compiles the laws again
         shared = access.shared(shared_numbers)
         front = min(max(front, -1.0), 1.0) * shared.rules.steers_front
         rear = min(max(rear, -1.0), 1.0) * shared.rules.steers_rear
         state, episode, gained, end, cost = step_law(
-            access.state(block, 0), access.episode(block, 0), (front, rear), shared, int(shared.rules.substeps)
+            access.state(block, row), access.episode(block, row), (front, rear), shared, int(shared.rules.substeps)
         )
-        access.keep_state(block, 0, state)
-        keep_after(block, 0, episode)
-        car.show(block, 0, shared, shared_numbers, observation)
+        access.keep_state(block, row, state)
+        keep_after(block, row, episode)
+        car.show(block, row, shared, shared_numbers, observation)
         return gained, end, cost, end == 0.0 and episode.settled_steps >= shared_numbers[settle_at]
 
     result = numba.types.Tuple((numba.float64, numba.int64, numba.float64, numba.boolean))
