@@ -181,12 +181,13 @@ def main() -> int:
             workers = Worker(ROOT), Worker(folder)
             try:
                 for k, name in enumerate(names):
-                    print(f"\rround {number + 1} of {options.rounds}: {k + 1} of {len(names)} rows", end="", flush=True)
+                    told = f"\rround {number + 1} of {options.rounds}: {k + 1} of {len(names)} rows"
+                    print(told if sys.stderr.isatty() else "", end="", file=sys.stderr, flush=True)
                     rounds[name].append(race(*workers, name))
             finally:
                 for worker in workers:
                     worker.close()
-    print(f"\r{'this tree / ' + options.before:42s} {'median':>7s}  {'interval':15s} {'now, rows/s':>13s}")
+    print(f"{'this tree / ' + options.before:42s} {'median':>7s}  {'interval':15s} {'now, rows/s':>13s}")
     table = []
     for name, of_row in rounds.items():
         ratios = [one.ratio for one in of_row]

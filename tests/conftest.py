@@ -45,7 +45,7 @@ def pytest_collection_modifyitems(items):
         if item.path.name in OF_THEM or (of_them and item.path.name not in AT_ONCE):
             item.add_marker(pytest.mark.exhaustive)
         if parameters is not None and item.get_closest_marker("exhaustive") is None:
-            places = {(item.nodeid.partition("[")[0], *place) for place in parameters.indices.items()}
+            places = {(item.nodeid.partition("[")[0], *place) for place in enumerate(parameters._idlist)}
             if places <= seen:
                 item.add_marker(pytest.mark.exhaustive)
             seen |= places
