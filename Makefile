@@ -51,6 +51,9 @@ lock:
 demo: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.demo --out $(OUT)
 
+# The tests start many processes: each module is compiled once, whatever the shell has asked for.
+test test-all: export PYTHONDONTWRITEBYTECODE :=
+
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n auto --dist loadfile
 

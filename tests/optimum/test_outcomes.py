@@ -42,6 +42,7 @@ def test_who_is_on_the_road_when_the_time_is_over_need_not_be_a_success():
 HIDING = {"randomise": {"friction": (0.2, 0.6)}}
 
 
+@pytest.mark.exhaustive
 def test_what_is_hidden_may_be_that_of_another_seed():
     """Row by row the single environment's start, with the friction that the other seed draws."""
     others = [7, 5, 2**33 + 5, 8]

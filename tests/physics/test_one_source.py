@@ -226,6 +226,7 @@ def test_a_fifth_law_drives_the_environment(arctangent):
 
 
 @pytest.mark.parametrize("with_single", [False, only_all(True)])
+@pytest.mark.exhaustive
 def test_a_fifth_law_drives_many_cars(arctangent, with_single):
     """Row by row the bits of the single environment, close to it in single precision, and the same on tensors."""
     given = {"num_envs": 8, "tire": "arctangent", "autoreset_mode": "Disabled"}
