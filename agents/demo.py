@@ -20,7 +20,7 @@ from rich.progress import track
 
 from agents import messages, moving_picture, ppo, settings
 from agents.episodes import evaluate, hardest_saved, start_seeds, summarise
-from agents.evaluate import console_for_tables, make_env, table
+from agents.evaluate import console_for_tables, make_env, print_table
 from bicycle_env import control, load_policy, provenance
 from bicycle_env.files import write_json
 
@@ -79,7 +79,7 @@ def main() -> int:
         for name, policy in track(policies.items(), "evaluating", console=messages.console(stderr=True), transient=True)
     }
     rows = {name: summarise(episodes) for name, episodes in driven.items()}
-    console.print(table(f"{ENV_ID}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows, plant.task))
+    print_table(console, f"{ENV_ID}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows, plant.task)
 
     console.print("\n3/3  drawing")
     place = args.out / "demo"

@@ -9,7 +9,7 @@ import dataclasses
 import json
 import textwrap
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +20,7 @@ import tyro
 from gymnasium.envs.registration import load_env_creator
 from rich import box
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
@@ -62,7 +63,8 @@ class Args:
 
 
 DEGREES = 57.29577951308232
-COLUMNS = (
+Column = tuple[str, str, float, str]
+COLUMNS: tuple[Column, ...] = (
     ("success_rate", "success\n[%]", 100.0, ".1f"),
     ("on_road_rate", "on the\nroad [%]", 100.0, ".1f"),
     ("episode_return", "mean\nreturn", 1.0, ".1f"),
@@ -70,13 +72,14 @@ COLUMNS = (
 """Of every task: (key, heading, factor to the shown unit, format)."""
 
 
-def columns_of(task: Task) -> tuple[tuple[str, str, float, str], ...]:
+def columns_of(task: Task) -> tuple[Column, ...]:
     """The columns of a table: those of every task, then the task's own figures."""
     more = []
     for metric in task.metrics:
         if metric.in_tables:
             unit, factor = ("deg", DEGREES) if metric.unit == "rad" else (metric.unit, 1.0)
-            heading = "\n".join(textwrap.wrap(f"{metric.name.replace('_', ' ')} [{unit}]", 12))
+            name = metric.name.replace("_", " ")
+            heading = "\n".join(textwrap.wrap(f"{name} [{unit}]" if unit else name, 12))
             more.append((metric.name, heading, factor, ".2f"))
     return (*COLUMNS, *more)
 
@@ -103,7 +106,7 @@ def environment(env_id: str) -> type[SingleTrackEnv]:
         entry: Any = registered_spec(env_id).entry_point
         found = load_env_creator(entry) if isinstance(entry, str) else entry
     except (gym.error.Error, ImportError, AttributeError, ValueError) as error:
-        raise UserError(f"{shown(error)} Ids of this package: {ids}") from None
+        raise UserError(f"{shown(error).rstrip('.')}. Ids of this package: {ids}") from None
     if not (isinstance(found, type) and issubclass(found, SingleTrackEnv)):
         raise UserError(f"--env-id must be an environment of this package, {ids}; got {env_id!r}")
     return found
@@ -192,9 +195,23 @@ def list_of_controllers() -> str:
     return "\n".join(["Controllers by name:", *(f"  {name:{width}}  {text}" for name, text in rows.items())])
 
 
-def table(title: str, rows: dict[str, dict[str, Any]], task: Task) -> Table:
+def print_table(console: Console, title: str, rows: dict[str, dict[str, Any]], task: Task) -> None:
+    """The table; in a terminal that is too narrow for it only what every task has, and a line about the rest."""
+    whole = table(title, rows, task)
+    width = Measurement.get(console, console.options.update(max_width=1000), whole).maximum
+    if not console.is_terminal:
+        console.width = max(width, console.width)
+    if width <= console.width:
+        console.print(whole)
+    else:
+        console.print(table(title, rows, task, COLUMNS))
+        more = ", ".join(column[0].replace("_", " ") for column in columns_of(task)[len(COLUMNS) :])
+        console.print(f"in a terminal of {width} columns, or with --json FILE, also: {more}")
+
+
+def table(title: str, rows: dict[str, dict[str, Any]], task: Task, columns: Sequence[Column] = ()) -> Table:
     """Rows of figures with intervals as a table for people: each cell the value, and below it the interval."""
-    shown = [column for column in columns_of(task) if any(column[0] in row for row in rows.values())]
+    shown = [column for column in columns or columns_of(task) if any(column[0] in row for row in rows.values())]
     result = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     result.add_column("policy", no_wrap=True)
     for _, heading, _, _ in shown:
@@ -253,7 +270,7 @@ def main() -> None:
             seconds[name] = round(time.perf_counter() - start, 2)
     title = f"{args.env_id}: {args.episodes} episodes, the same starts for all; mean [95 % interval]"
     plant: Any = env.unwrapped
-    console.print(table(title, rows, plant.task))
+    print_table(console, title, rows, plant.task)
     found = scores.known(env)
     for line in [] if found is None else scores.sentences(found, rows):
         console.print(line)

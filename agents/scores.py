@@ -123,7 +123,7 @@ def sentences(found: Known, rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
         why = (
             "nothing even three points better was found without knowing what is hidden"
             if "without" in found.reference
-            else "the optimum is known and reached"
+            else "the optimum is reached, as far as a search knows it: none found even three points more"
         )
         lines = [f"no score: {why} ({places})"]
     told = ", ".join(f"{name} {row['regret']:.2f}" for name, row in figures.items())

@@ -19,7 +19,7 @@ import tyro
 
 from agents import messages, pictures, scores, settings
 from agents.episodes import evaluate, hardest_saved, summarise
-from agents.evaluate import console_for_tables, find_policy, make_env, table
+from agents.evaluate import console_for_tables, find_policy, make_env, print_table
 from agents.messages import UserError
 from agents.statistics import bootstrap, iqm
 from bicycle_env import control, files, provenance
@@ -131,8 +131,8 @@ def main() -> int:
     whole = aggregate(seeds)
     algo = args.algo.upper()
     rows = {**controllers, **{f"{algo}, seed {k}": row for k, row in enumerate(seeds)}}
-    console.print(table(f"{args.env_id}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows, task))
-    console.print(table(f"over {args.seeds} seeds: interquartile mean [95 % bootstrap interval]", {algo: whole}, task))
+    print_table(console, f"{args.env_id}: {args.episodes} episodes, the same starts; mean [95 % interval]", rows, task)
+    print_table(console, f"over {args.seeds} seeds: interquartile mean [95 % bootstrap interval]", {algo: whole}, task)
 
     found = scores.known(env)
     every = {**controllers, algo: whole}

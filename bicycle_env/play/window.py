@@ -9,7 +9,7 @@ import numpy as np
 
 from bicycle_env.play.session import NoDisplayError
 from bicycle_env.rendering.moving import LINGER, Picture
-from bicycle_env.rendering.painting import pygame
+from bicycle_env.rendering.painting import open_display, pygame
 
 MOST_BEHIND = 3.0
 """So many pictures that there was no time for are left out, one after the other; beyond that time goes slower."""
@@ -66,7 +66,7 @@ class Window:
 
     def _open(self, size: tuple[int, ...]) -> None:
         try:
-            pygame.display.init()
+            open_display()
             self._surface = pygame.display.set_mode(size)
         except pygame.error as error:
             raise NoDisplayError(f"no window can be opened here ({error}): give --out FILE.gif") from None

@@ -6,6 +6,7 @@ can tell them apart.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -19,6 +20,22 @@ try:
     import pygame as pygame  # a re-export, for the modules beside this one
 except ImportError as error:
     raise DependencyNotInstalled(needs("render()", "pygame-ce", "render")) from error
+
+UNSEEN = ("dummy", "offscreen")
+"""SDL's drivers without a screen."""
+
+
+def open_display() -> None:
+    """Make pygame ready for windows.
+
+    Raises:
+        pygame.error: there is no display. SDL would draw where nobody sees it, which only SDL_VIDEODRIVER may ask for.
+    """
+    pygame.display.init()
+    if pygame.display.get_driver() in UNSEEN and not os.environ.get("SDL_VIDEODRIVER"):
+        pygame.display.quit()
+        raise pygame.error("there is no display")
+
 
 Colour = tuple[int, int, int]
 

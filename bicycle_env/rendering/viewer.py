@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bicycle_env.rendering import dashboard
 from bicycle_env.rendering.corridor import Shape
 from bicycle_env.rendering.dashboard import BACKGROUND, Reading
-from bicycle_env.rendering.painting import paint_road, pixels_per_metre, pygame
+from bicycle_env.rendering.painting import open_display, paint_road, pixels_per_metre, pygame
 from bicycle_env.rendering.scene import Scene, Setup, build_scene, side_wind, task_state
 from bicycle_env.rendering.told import drawn_in_words
 from bicycle_env.tasks.episode import World
@@ -125,12 +125,12 @@ class Viewer:
 
     def _show(self, frame: Any) -> None:
         if self._clock is None:
-            pygame.display.init()
+            open_display()
             self._clock = pygame.time.Clock()
         # Another environment in this process may have closed the one window that pygame has.
         window = pygame.display.get_surface()
         if window is None:
-            pygame.display.init()
+            open_display()
             window = pygame.display.set_mode((WIDTH, HEIGHT))
             pygame.display.set_caption(f"bicycle_env: {self._env.task.name}")
         if any(event.type == pygame.QUIT for event in pygame.event.get()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import json
 import math
@@ -13,11 +14,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from combinations import only_all, some_of
+from rich.console import Console
 
 import bicycle_env  # noqa: F401
 from agents import episodes
 from agents.episodes import PURPOSES, drive, evaluate, start_seeds, summarise
-from agents.evaluate import COLUMNS
+from agents.evaluate import COLUMNS, columns_of, print_table
 from agents.messages import UserError
 from bicycle_env import control
 
@@ -201,3 +203,17 @@ def test_a_policy_for_another_environment_is_refused(tmp_path):
     ).save(tmp_path)
     with pytest.raises(UserError, match="trained for Other-v0"):
         find_policy(str(tmp_path), gym.make("BicycleStab-v0"))
+
+
+@pytest.mark.parametrize(("width", "terminal", "whole"), [(100, True, False), (300, True, True), (100, False, True)])
+def test_a_table_too_wide_for_a_terminal_shows_what_every_task_has(width, terminal, whole):
+    task = gym.make("BicycleActiveSteer-v0").unwrapped.task
+    row = {key: {"value": 0.5, "interval": [0.4, 0.6]} for key, *_ in columns_of(task)}
+    out = io.StringIO()
+    console = Console(file=out, force_terminal=terminal, width=width, no_color=True, highlight=False, markup=False)
+    print_table(console, "figures", {"a-policy": row}, task)
+    text = out.getvalue()
+    assert "a-policy" in text
+    assert "…" not in text
+    assert ("also: peak sideslip" in text) == (not whole)
+    assert (text.count("0.50") > 5) == whole

@@ -237,7 +237,15 @@ def test_what_is_missing_is_named_with_its_install_line(capsys, monkeypatch, tmp
         assert line in capsys.readouterr().err
 
 
-def test_without_a_display_it_says_what_else_there_is(capsys, monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "nothing_of_that_name")
+@pytest.mark.parametrize("driver", ["nothing_of_that_name", None])
+def test_without_a_display_it_says_what_else_there_is(capsys, monkeypatch, driver):
+    """Neither a driver that is not there, nor, nothing being asked for, SDL's own for pictures that nobody sees."""
+    if driver is None:
+        pygame = pytest.importorskip("pygame")
+        for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
+            monkeypatch.delenv(name, raising=False)
+        monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
+    else:
+        monkeypatch.setenv("SDL_VIDEODRIVER", driver)
     assert main(["play", *WORDS]) == 2
     assert "no window can be opened here" in capsys.readouterr().err
