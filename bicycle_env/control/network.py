@@ -216,7 +216,7 @@ def load(folder: str | Path) -> Network:
     if folder.exists() and not folder.is_dir():
         raise FileError(
             f"{shown(folder)}: a policy is a folder with {DESCRIPTION_FILE} and {WEIGHTS_FILE}, as agents.train writes "
-            "it; archives of Stable-Baselines3, pickles and .pt files can hold code, and are never opened"
+            "it; archives of Stable-Baselines3, pickles and .pt files can hold code, and are not opened here"
         )
     for name in (DESCRIPTION_FILE, WEIGHTS_FILE):
         if not (folder / name).exists():
