@@ -75,7 +75,7 @@ ROWS = {
         {"numpy", "numba", "gymnasium"},
     ),
     "explore": Row(  # on top, imported by the command alone
-        {"analysis", "control", "export", "files", "physics", "plots", "report", "tasks"}, {"numpy"}
+        {"analysis", "control", "export", "files", "leaderboard", "physics", "plots", "report", "tasks"}, {"numpy"}
     ),
     "registration": Row(set(), {"gymnasium"}, lazy_layers={"envs"}),
     "root": Row(

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from bicycle_env import leaderboard
 from bicycle_env.control.four_wheel_steer import REAR_LAWS, Sano
 from bicycle_env.control.pretrained import load_policy
 from bicycle_env.explore import linear, steering
@@ -31,8 +32,8 @@ from bicycle_env.physics.actuators import FRONT, REAR
 from bicycle_env.physics.car import CarParameters
 from bicycle_env.physics.lateral import Axles
 from bicycle_env.physics.presets import resolve_vehicle, vehicles
-from bicycle_env.plots.style import SPEED, SPEED_RATIO, speed_in_words
-from bicycle_env.report.words import KINDS, STABILITY
+from bicycle_env.plots.style import SPEED, SPEED_RATIO
+from bicycle_env.report.words import KINDS, METRES, STABILITY, both_units
 
 FOLDER = Path(__file__).parent / "page"
 RATIOS = tuple(round(0.05 * k, 2) for k in range(6, 37))
@@ -86,20 +87,41 @@ def data(names: Sequence[str], served: bool) -> dict[str, Any]:
     """What is no traced law: the presets, what is designed for each of their speeds, and the words for all of it."""
     network = load_policy(ENV_ID)
     usual = configuration(**network.description["env_keywords"])
-    there = speed_in_words(usual.vehicle, usual.speed)
+    there = both_units(usual.vehicle, usual.speed)
     return {
         "env_id": ENV_ID,
         "served": served,
         "tires": list(tires.LAWS),
         "half_width": {"lane": usual.task.road_half_width, "field": FIELD_HALF_WIDTH},
+        "tolerances": dataclasses.asdict(usual.task.tolerances),
         "actuators": {"front": dataclasses.asdict(FRONT), "rear": dataclasses.asdict(REAR)},
         "observation_names": [entry.name for entry in usual.observation_entries],
         "gust": GUST,
-        "words": {"kinds": KINDS, "stability": STABILITY, "speed": SPEED, "ratio": SPEED_RATIO},
+        "words": {"kinds": KINDS, "stability": STABILITY, "speed": METRES + SPEED, "ratio": SPEED_RATIO},
         "trained": f"The policy was trained on the car {usual.vehicle.name} at {there}, tire {usual.tire.name}, "
         f"friction {usual.friction:g}; on anything else it drives what it has never seen.",
+        "compared": _compared(network.description["env_keywords"]["level"]),
         "presets": {name: _preset(name, served) for name in names},
     }
+
+
+def _compared(level: str) -> str:
+    """How often the trained policy, LQR as the page has it, and search bring the car back, from the leaderboard."""
+    rows = {row["name"]: row for row in leaderboard.read()["levels"][f"{ENV_ID} {level}"]["rows"]}
+    trained, classical, best = (rows[name] for name in ("pretrained", "lqr, as shipped", "best found"))
+    (low, high), (least, most) = (row["success_rate"]["interval"] for row in (trained, classical))
+    words = "does better" if low > most else "does worse" if high < least else "does neither better nor worse"
+
+    def share(row: dict[str, Any]) -> str:
+        found, (from_, to) = row["success_rate"]["value"], row["success_rate"]["interval"]
+        return f"{100 * found:.1f} % (95 % interval {100 * from_:.1f} to {100 * to:.1f})"
+
+    return (
+        f"Counted over {trained['starts']} random starts in a lane ({ENV_ID}, level {level}), the learned policy "
+        f"{words} than LQR: in the end the car runs straight after {share(trained)} of them, with LQR after "
+        f"{share(classical)}. With the best steering that a search has found for each of {best['starts']} starts it is "
+        f"{share(best)}. From: bicycle-env leaderboard."
+    )
 
 
 def _preset(name: str, served: bool) -> dict[str, Any]:

@@ -58,6 +58,7 @@ export async function read(files) {
   if (module && files.length === 1) return checked(module.name, ofModule(module));
   if (json && weights && files.length === 2) return checked(json.name, await ofFolder(json, weights));
   if (files.length === 1 && (json || weights)) {
+    if (json) parsed(json.name, json.bytes);
     throw new Error(`${files[0].name} is half of a policy: policy.json and policy.safetensors are needed together.`);
   }
   const names = files.map(({ name }) => short(name)).join(", ") || "nothing";
@@ -138,7 +139,7 @@ function tensors({ name, bytes }) {
 
 // The parts of a Network alone, each as it must be.
 function checked(name, told) {
-  const { names, activation, output, layers, hold = 1, history = 1, mirror = null } = told;
+  const { names, env_id, activation, output, layers, hold = 1, history = 1, mirror = null } = told;
   const refuse = (what) => {
     throw new Error(`${name}: ${what}.`);
   };
@@ -161,5 +162,5 @@ function checked(name, told) {
     if (![...weight.flat(), ...bias].every(Number.isFinite)) refuse(`layer ${k} has values that are not finite`);
     width = bias.length;
   }
-  return { entries: names.length, names, activation, output, hold, history, mirror, layers };
+  return { entries: names.length, names, env_id: short(env_id ?? ""), activation, output, hold, history, mirror, layers };
 }

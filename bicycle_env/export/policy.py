@@ -59,6 +59,8 @@ class Layers:
     hold: int = 1
     history: int = 1
     mirror: tuple[int, ...] | None = None
+    env_id: str = ""
+    """Of a network: what it was trained for."""
 
 
 def layers_of(policy: Any, names: Any = None) -> Layers:
@@ -79,6 +81,7 @@ def layers_of(policy: Any, names: Any = None) -> Layers:
             told.get("hold", 1),
             told.get("history", 1),
             told.get("mirror"),
+            told.get("env_id", ""),
         )
     if isinstance(policy, StateFeedback):
         matrix = np.ascontiguousarray(policy.matrix.T, np.float32)
@@ -289,6 +292,7 @@ def _javascript(found: Layers, name: str) -> str:
     content = {
         "entries": len(found.names),
         "names": list(found.names),
+        "env_id": found.env_id,
         "activation": found.activation,
         "output": found.output,
         "hold": found.hold,

@@ -19,15 +19,22 @@ STABILITY = {
     "always": "it is stable at every speed",
     "stable": f"{_LIMIT}stable here",
     "limit": f"{_LIMIT}just at this limit here",
-    "unstable": "above {critical:.1f} m/s ({critical_kmh:.0f} km/h) it is unstable: here a deviation doubles in "
-    "{doubling:.2f} s unless somebody steers",
+    "unstable": "above {critical:.1f} m/s ({critical_kmh:.0f} km/h) it is unstable: here a deviation eventually "
+    "doubles every {doubling:.2f} s unless somebody steers",
 }
 """What is said of straight running; speeds in m/s and km/h, times in s."""
+METRES = "{speed:.1f} m/s = "
+"""Before ``plots.speed_in_words``."""
 
 
 def title(study: Study) -> str:
     """The report's heading."""
-    return f"{study.name} at {study.speed:.1f} m/s = {speed_in_words(study.vehicle, study.speed)}"
+    return f"{study.name} at {both_units(study.vehicle, study.speed)}"
+
+
+def both_units(vehicle: Vehicle, speed: float) -> str:
+    """``"43.3 m/s = 156 km/h = 1.2 x the critical speed"``."""
+    return METRES.format(speed=speed) + speed_in_words(vehicle, speed)
 
 
 def summary(study: Study) -> str:

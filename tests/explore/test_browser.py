@@ -214,7 +214,7 @@ def test_rear_wheels_that_steer_save_what_a_driver_has_spun(visit):
 def test_each_example_is_understood_and_shows_what_it_says(visit):
     page = visit("vehicle=civic&speed=20&tire=linear")
     endings = [
-        ("left its lane", "runs straight"),
+        ("spun", "runs straight"),
         ("spun", "has not spun"),
         ("left its lane", "runs straight"),
         ("press Play", "runs straight"),
@@ -279,13 +279,21 @@ def test_policies_that_are_dragged_in(visit, tmp_path):
     page.locator("#ending_right", has_text="your policy (bicycle_policy.mjs)").wait_for()
     assert page.inner_text("#ending_right").endswith(ending[0])
     assert page.locator("#complaint").is_hidden()
+    load_policy("BicycleEvade-v0").save(tmp_path)
+    page.set_input_files("#files", [tmp_path / "policy.json", tmp_path / "policy.safetensors"])
+    assert "was trained for BicycleEvade-v0, and does not see what" in page.inner_text("#ending_right")
+    export_policy(load_policy("BicycleEvade-v0"), "js", tmp_path)
+    page.set_input_files("#files", [tmp_path / "bicycle_policy.mjs"])
+    assert "was trained for BicycleEvade-v0, and does not see what" in page.inner_text("#ending_right")
+    export_policy(network, "js", tmp_path)
+    page.set_input_files("#files", [tmp_path / "bicycle_policy.mjs"])
     page.select_option("#steer", "front")
     assert "steers both axles" in page.inner_text("#ending_right")
 
 
 def test_the_address_bar_holds_what_is_chosen(visit):
     page = visit("vehicle=civic&speed=40&left=nobody&right=nobody&sideslip=2")
-    assert page.inner_text("#here") == "144 km/h."
+    assert page.inner_text("#here") == "40.0 m/s = 144 km/h."
     assert page.inner_text("#sentence") == stability_in_words(vehicles["civic"], 40.0)
     page.select_option("#left", "policy")
     slide(page, "gust", -1500)
@@ -305,7 +313,64 @@ def test_the_address_bar_holds_what_is_chosen(visit):
     again.evaluate("() => { location.hash = '#vehicle=oversteer&left=lqr&speed_ratio=1.5&right=nobody'; }")
     again.locator("#here", has_text="1.5 x").wait_for()
     doubling = analysis.modes("oversteer", 1.5 * analysis.critical_speed("oversteer")).time_to_double
-    assert f"doubles in {doubling:.2f} s" in again.inner_text("#sentence")
+    assert f"doubles every {doubling:.2f} s" in again.inner_text("#sentence")
+
+
+def test_without_an_address_the_first_example_is_shown(visit):
+    first, link = visit(), visit("vehicle=civic&speed=20")
+    link.locator("nav a").first.click()
+    link.locator("#ending_left", has_text="spun").wait_for()
+    assert settled_hash(first) == settled_hash(link)
+    assert "area=field" in settled_hash(first)
+
+
+def test_what_is_said_of_the_phase_and_the_eigenvalues_follows_the_speed(visit):
+    page, car = visit("vehicle=oversteer&speed_ratio=1.2"), vehicles["oversteer"]
+    assert "to hold a left turn it needs its front wheels to the right" in page.inner_text("#phase_words")
+    values = ", ".join(f"{value.real:.2f}" for value in np.sort(analysis.eigenvalues(car, 1.2 * car.critical_speed)))
+    assert f"At this speed: {values} per second." in page.inner_text("#fed_back").replace("\N{MINUS SIGN}", "-")
+    slide(page, "point", 10)
+    page.locator("#phase_words", has_text="to the other side than the wheels point").wait_for()
+    assert "turns the nose to the right" in page.inner_text("#wrong_why")
+
+
+def test_the_wheels_limit_is_drawn_where_it_is_within_the_chart(visit):
+    """Nobody steers: the charts differ in this line alone."""
+    words = "left=nobody&right=nobody&front_angle_limit="
+    within, beyond, far = (ink(visit(f"{words}{limit}"), "history_front_steer") for limit in (0.5, 5, 7))
+    assert within != beyond == far
+
+
+def test_nothing_jumps_while_the_server_is_asked(visit):
+    page, places = visit("recoverable=on"), set()
+    for width in (1440, 390):
+        page.set_viewport_size({"width": width, "height": 900})
+        slide(page, "friction", 0.4 + width / 5000)
+        places.clear()
+        for words in ("", "looking for steady turns", "computing from where some steering saves the car"):
+            page.locator("#asked", has_text=re.compile(f"^{words}")).wait_for(state="attached")
+            places.add(page.evaluate("document.getElementById('phase').offsetTop"))
+        arrived(page)
+        places.add(page.evaluate("document.getElementById('phase').offsetTop"))
+        assert len(places) == 1
+
+
+def test_on_a_telephone_nothing_of_use_is_hidden_by_the_summary(visit):
+    page = visit("vehicle=oversteer&left=nobody", width=390, height=844)
+    assert page.locator("#meaning").is_visible()
+    below = """() => document.activeElement.getBoundingClientRect().top
+        - document.getElementById("summary").getBoundingClientRect().bottom"""
+    page.focus("#copy")
+    seen = []
+    while "vehicle" not in seen:
+        page.keyboard.press("Shift+Tab")
+        assert page.evaluate(below) >= 0.0
+        seen.append(page.evaluate("document.activeElement.id"))
+    assert len(seen) > 15
+    page.locator("nav a").last.click()
+    page.locator("#ending_left", has_text="press Play").wait_for()
+    page.wait_for_function("document.getElementById('play').getBoundingClientRect().bottom <= innerHeight")
+    assert page.evaluate("document.getElementById('time').offsetWidth") > 150
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 import bicycle_env
-from bicycle_env import analysis, control, explore
+from bicycle_env import analysis, control, explore, leaderboard
 from bicycle_env.explore import answers
 from bicycle_env.explore.answers import configuration, design, portrait, recoverable
 from bicycle_env.explore.content import FOLDER
 from bicycle_env.explore.server import POLICY
 from bicycle_env.export.command import Uncompiled
 from bicycle_env.files import FileError
+from bicycle_env.tasks import Stabilise
 
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="no node here")
@@ -68,7 +69,7 @@ import { Hand } from "./hand.mjs";
 import { asPython } from "./python.mjs";
 import { grid, orbit, placed, run, started } from "./simulation.mjs";
 import * as fs from "node:fs";
-const { hash, stable, designs } = JSON.parse(fs.readFileSync("given.json"));
+const { hash, stable, designs, files } = JSON.parse(fs.readFileSync("given.json"));
 const { chosen, complaints } = fromHash(data, hash);
 const task = await import(`./${moduleOf(chosen)}.mjs`);
 const body = bodyOf(data, chosen), point = pointsOf(data, chosen)[chosen.point], speed = point.metres_per_second;
@@ -77,14 +78,14 @@ const start = [chosen.sideslip * DEGREE, chosen.yaw_rate * DEGREE];
 const hand = new Hand(world.rules.control_timestep);
 hand.press("ArrowLeft", true);
 const design = (name) => ({ found: designs[name] ?? point.designs?.[name] });
-const setting = { steer: chosen.steer, angle: chosen.angle * DEGREE, hand, design, names: data.observation_names };
+const setting = { steer: chosen.steer, angle: chosen.angle * DEGREE, hand, design, names: data.observation_names, env_id: data.env_id, file: files };
 const runs = SIDES.map((side) => {
   const who = driver(chosen[side], { ...setting, rear: chosen[`${side}_rear`] });
   return who.why ? { why: who.why } : run(world, who, ...start);
 });
 const box = { sideslip: 0.5, yawRate: 1.2 };
 console.log(JSON.stringify({
-  chosen, complaints, endings: runs.map((one) => ending(one, chosen.area)), hash: toHash(data, chosen), speed,
+  chosen, complaints, endings: runs.map((one) => ending(data, one, chosen.area)), hash: toHash(data, chosen), speed,
   runs: runs.map(({ why, columns, end, settledAfter }) => ({ why, columns, end, settledAfter })),
   python: asPython(data, chosen, started(world, ...start).state, hand.steered),
   orbits: grid(box, 3).map((start) => orbit(world, stable, box, ...start, 1)),
@@ -92,9 +93,9 @@ console.log(JSON.stringify({
 """
 
 
-def in_node(folder, hash, stable=False, designs=None):
+def in_node(folder, hash, stable=False, designs=None, files=None):
     (folder / "script.mjs").write_text(SCRIPT)
-    (folder / "given.json").write_text(json.dumps({"hash": hash, "stable": stable, "designs": designs or {}}))
+    (folder / "given.json").write_text(json.dumps({"hash": hash, "stable": stable, "designs": designs or {}, "files": files}))
     done = subprocess.run([NODE, "script.mjs"], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -269,6 +270,50 @@ def test_who_cannot_drive_says_why(folder):
     found = in_node(folder, "#vehicle=oversteer&steer=front&left=file&right=policy")
     assert "no policy file yet" in found["endings"][0]
     assert "steers both axles" in found["endings"][1]
+
+
+@needs_node
+def test_a_policy_of_another_task_is_told_apart_by_what_it_sees_before_its_axles(folder):
+    other = {"names": ["speed", "gap"], "env_id": "BicycleEvade-v0", "layers": [{"weight": [[0, 0]], "bias": [0]}]}
+    found = in_node(folder, "#vehicle=oversteer&steer=both&left=file", files=other)
+    said = "this policy was trained for BicycleEvade-v0, and does not see what BicycleStab-v0 shows it: 2 entries, not 8"
+    assert found["endings"][0] == said
+
+
+TOLERANCES = Stabilise.tolerances
+WITHIN = "(within 0.5 m, 1.1 deg and 2.9 deg/s)"
+
+
+@needs_node
+def test_an_ending_says_what_straight_means_and_how_the_car_slid(folder, files):
+    assert data_of(files)["tolerances"] == dataclasses.asdict(TOLERANCES)
+    at_edge = in_node(folder, "#vehicle=oversteer&left=lqr&right=lqr&sideslip=16&yaw_rate=7&speed_ratio=1.2")
+    sliding = math.degrees(at_edge["runs"][0]["columns"]["sideslip"][-1])
+    assert abs(sliding) > 30.0
+    assert at_edge["endings"][0].startswith("left its lane after")
+    assert at_edge["endings"][0].endswith(f"s, with {abs(sliding):.0f} deg of sideslip")
+    gust = in_node(folder, "#vehicle=oversteer&left=lqr&right=nobody&sideslip=0&yaw_rate=0&gust=3000&speed_ratio=1.2")
+    assert gust["endings"][0] == f"runs straight from 0.00 s on {WITHIN}"
+
+
+@needs_node
+def test_on_a_field_a_car_that_recovers_by_itself_runs_straight_again(folder):
+    found = in_node(folder, "#vehicle=civic&left=nobody&right=step&sideslip=4&area=field&speed=20")
+    alone, columns = found["endings"][0], found["runs"][0]["columns"]
+    moves = np.abs(columns["sideslip"]) >= TOLERANCES.sideslip
+    moves |= np.abs(columns["yaw_rate"]) >= TOLERANCES.yaw_rate
+    first = columns["time"][np.flatnonzero(moves)[-1] + 1]
+    assert alone == f"has not spun in 8.00 s; runs straight again from {first:.2f} s on, but not on its old line"
+    assert found["endings"][1] == "has not spun in 8.00 s"  # it turns on
+
+
+def test_the_comparison_of_the_policy_is_the_leaderboards(files):
+    rows = leaderboard.read()["levels"]["BicycleStab-v0 medium"]["rows"]
+    said = data_of(files)["compared"]
+    for name in ("pretrained", "lqr, as shipped", "best found"):
+        (row,) = (row for row in rows if row["name"] == name)
+        assert f"{100 * row['success_rate']['value']:.1f} % (95 % interval" in said
+    assert "does neither better nor worse than LQR" in said
 
 
 def test_the_wheel_turns_as_that_of_play(files):

@@ -14,8 +14,7 @@ from bicycle_env.analysis import linear_laws
 from bicycle_env.control.four_wheel_steer import yaw_rate_feedback_matrix
 from bicycle_env.physics.elementary import PYTHON
 from bicycle_env.plots.responses import wrong_way
-from bicycle_env.plots.style import speed_in_words
-from bicycle_env.report.words import stability_in_words
+from bicycle_env.report.words import both_units, stability_in_words
 
 NODE = shutil.which("node")
 FREQUENCIES = [0.1, 1.0, 7.0]
@@ -77,7 +76,7 @@ def test_the_page_says_what_analysis_says(said):
     for vehicle, speed, found in said:
         kinds.add((analysis.classification(vehicle), analysis.is_stable(vehicle, speed)))
         assert found["sentence"] == stability_in_words(vehicle, speed)
-        assert found["heading"] == speed_in_words(vehicle, speed)
+        assert found["heading"] == both_units(vehicle, speed)
         values = np.sort_complex([complex(*pair) for pair in found["eigenvalues"]])
         np.testing.assert_allclose(values, np.sort_complex(analysis.eigenvalues(vehicle, speed)), rtol=1e-9)
         for gain, pairs in zip((0.0, 0.05, 0.4), found["fed_back"], strict=True):

@@ -124,6 +124,9 @@ def test_what_is_damaged_is_a_sentence(folder):
     for name, words in (("archive.zip", "archives and pickles"), ("policy.json", "half of a policy")):
         cases.append([[name, "policy.json"]])
         wanted.append(words)
+    (folder / "broken.json").write_text("{broken")
+    cases.append([["policy.json", "broken.json"]])
+    wanted.append("policy.json is damaged: it is no JSON")
     (folder / "code.mjs").write_text("import 'fs';\nexport const exported = process.exit(1);\n")
     cases += [[["code.mjs", "code.mjs"]], [["read.mjs", "read.mjs"]], []]
     wanted += ["it is no JSON", "no policy that bicycle-env export wrote", "nothing is neither"]

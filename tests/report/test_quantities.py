@@ -193,7 +193,7 @@ def test_the_linear_tire_has_no_limit():
 @pytest.mark.parametrize(
     ("name", "speed", "text"),
     [
-        ("oversteer", 43.0, "above 36.1 m/s (130 km/h) it is unstable: here a deviation doubles in 1.1"),
+        ("oversteer", 43.0, "above 36.1 m/s (130 km/h) it is unstable: here a deviation eventually doubles every 1.1"),
         only_all("oversteer", 20.0, "becomes unstable above 36.1 m/s (130 km/h) and is stable here"),
         only_all("neutral", 30.0, "This car is neutral; it is stable at every speed"),
         only_all("civic", 30.0, "This car understeers; it is stable at every speed"),

@@ -61,7 +61,7 @@ const filled = (template, values) =>
 
 export function speedInWords({ words }, speed, critical) {
   const ratio = Number.isFinite(critical) ? filled(words.ratio, { ratio: speed / critical }) : "";
-  return filled(words.speed, { kmh: 3.6 * speed }) + ratio;
+  return filled(words.speed, { speed, kmh: 3.6 * speed }) + ratio;
 }
 
 export function stabilityInWords({ words }, found) {

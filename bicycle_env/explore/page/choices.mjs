@@ -187,15 +187,27 @@ export function whoInWords(side, chosen, file) {
   return WHO[word];
 }
 
-// How a run ended, in a sentence.
-export function ending(result, area = "lane") {
+// How a run ended, in a sentence; `brief`: without what the task means by straight.
+export function ending({ tolerances }, result, area = "lane", brief = false) {
   if (result.why) return result.why;
-  const last = result.columns.time.at(-1).toFixed(2);
-  if (!result.over) return result.columns.time.length > 1 ? "on its way" : "press Play and steer: ← and →";
-  if (result.end === "spun") return `spun after ${last} s`;
-  if (result.end === "left_lane") return `left ${area === "lane" ? "its lane" : "the field"} after ${last} s`;
-  if (result.end) return `${result.end.replaceAll("_", " ")} after ${last} s`;
-  if (result.settledAfter !== null) return `runs straight in its lane from ${result.settledAfter.toFixed(2)} s on`;
-  if (area === "field") return `has not spun in ${last} s`;
-  return `still in its lane after ${last} s, but not running straight in its middle`;
+  const { time, sideslip, heading: turned } = result.columns, last = time.at(-1).toFixed(2);
+  if (!result.over) return time.length > 1 ? "on its way" : "press Play and steer: ← and →";
+  const degrees = (column) => `${Math.abs(column.at(-1) / DEGREE).toFixed(0)} deg`;
+  const sliding = `after ${last} s, with ${degrees(sideslip)} of sideslip`;
+  if (result.end === "spun") return `spun ${sliding}, turned by ${degrees(turned)}`;
+  if (result.end === "left_lane") return `left ${area === "lane" ? "its lane" : "the field"} ${sliding}`;
+  if (result.end) return `${result.end.replaceAll("_", " ")} ${sliding}`;
+  const { lateral, heading, yaw_rate } = tolerances, angle = Math.max(heading, tolerances.sideslip) / DEGREE;
+  const within = brief ? "" : ` (within ${lateral} m, ${angle.toFixed(1)} deg and ${(yaw_rate / DEGREE).toFixed(1)} deg/s)`;
+  if (result.settledAfter !== null) return `runs straight from ${result.settledAfter.toFixed(2)} s on${within}`;
+  if (area === "lane") return `still in its lane after ${last} s, but not running straight in its middle`;
+  const again = straightFrom(tolerances, result);
+  return `has not spun in ${last} s${again === null ? "" : `; runs straight again from ${again.toFixed(2)} s on, but not on its old line`}`;
+}
+
+// From when on a car neither slips nor yaws, wherever it goes; null if it does, or not for as long as settling takes.
+function straightFrom(tolerances, { columns: { time, sideslip, yaw_rate }, world }) {
+  const moves = (_, k) => Math.abs(sideslip[k]) >= tolerances.sideslip || Math.abs(yaw_rate[k]) >= tolerances.yaw_rate;
+  const first = time.findLastIndex(moves) + 1;
+  return time.length - first > world.task.steps_to_settle ? time[first] : null;
 }

@@ -39,6 +39,7 @@ export function build(data) {
   fill(at("tire"), Object.fromEntries(data.tires.map((tire) => [tire, TIRES[tire] ?? tire.replaceAll("_", " ")])));
   for (const [id, words] of Object.entries({ left: WHO, right: OTHERS, steer: STEER, area: AREA })) fill(at(id), words);
   put("trained", data.trained);
+  put("compared", data.compared);
   for (const [part, { words }] of Object.entries(PARTS)) slider(part, words, { min: PERCENT.least, max: PERCENT.most, step: 1 }, "parts");
   for (const axle of AXLES) {
     for (const [field, { words, least, most, step }] of Object.entries(ACTUATORS)) {
@@ -76,7 +77,8 @@ function showCar({ data, chosen, shown }) {
 
 function showDrivers({ chosen, file }) {
   const words = SIDES.map((side) => chosen[side]);
-  at("trained").hidden = !words.includes("policy");
+  at("lqr").hidden = !words.includes("lqr");
+  at("trained").hidden = at("compared").hidden = !words.includes("policy");
   at("by_hand").hidden = at("hands").hidden = chosen.left !== "you";
   at("policy_file").hidden = !words.includes("file");
   put("file_name", file ? `At the wheel: ${file.name}.` : "");
@@ -99,7 +101,7 @@ export function show(page) {
   showDrivers(page);
   showCar(page);
   at("recoverable").checked = chosen.recoverable === "on";
-  for (const side of SIDES) put(`ending_${side}`, `Car ${LETTERS[side]}, ${shown[side].who}: ${ending(shown[side], chosen.area)}.`);
+  for (const side of SIDES) put(`ending_${side}`, `Car ${LETTERS[side]}, ${shown[side].who}: ${ending(page.data, shown[side], chosen.area)}.`);
   at("complaint").hidden = complaints.length === 0;
   put("complaint", complaints.join(" "));
   put("python", page.python);

@@ -172,7 +172,12 @@ export function write(plot, x, y, below, words) {
   pen.fillStyle = plot.color("ink");
   pen.textAlign = "center";
   pen.textBaseline = "middle";
-  pen.fillText(words, Math.min(Math.max(plot.px(x), box.left + half), box.right - half), plot.py(y) + below);
+  const place = [Math.min(Math.max(plot.px(x), box.left + half), box.right - half), plot.py(y) + below];
+  pen.strokeStyle = plot.color("panel");
+  pen.lineWidth = 4;
+  pen.lineJoin = "round";
+  pen.strokeText(words, ...place); // what lies behind does not run through the letters
+  pen.fillText(words, ...place);
 }
 
 // A small arrowhead at the middle of an orbit.

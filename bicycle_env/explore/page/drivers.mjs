@@ -81,9 +81,9 @@ function behind(word, setting) {
 
 // Who steers, by the words of the page: { act, reset }, or { why } not; the `gain` [s] of the rear wheels after the yaw
 // rate, if they are steered so. `design(name)`: what is designed for this car;
-// `file`: a network's parts; `hand`: at the wheel; `angle`: of a manoeuvre, rad; `names`: of the observation.
+// `file`: a network's parts; `hand`: at the wheel; `angle`: of a manoeuvre, rad; `names`: of the observation that `env_id` shows.
 export function driver(word, setting) {
-  const { steer, rear, file, names } = setting;
+  const { steer, rear, file, names, env_id } = setting;
   if (word === "nobody") return NOBODY;
   if (AT_FRONT.includes(word)) {
     if (steer === "rear") return { why: "cannot steer: a driver has the front axle, and here only the rear one steers" };
@@ -105,11 +105,12 @@ export function driver(word, setting) {
   }
   const parts = word === "policy" ? trained : file;
   if (!parts) return { why: "no policy file yet: drop its files on the page, or choose them" };
+  if (word === "file" && JSON.stringify(parts.names) !== JSON.stringify(names)) {
+    const many = parts.names.length === names.length ? "other entries" : `${parts.names.length} entries, not ${names.length}`;
+    return { why: `this policy${parts.env_id && ` was trained for ${parts.env_id}, and`} does not see what ${env_id} shows it: ${many}` };
+  }
   if (axles(parts) !== (steer === "both" ? 2 : 1)) {
     return { why: `this policy steers ${axles(parts) === 2 ? "both axles" : "one axle"}: choose that under “Which axle steers”` };
-  }
-  if (word === "file" && JSON.stringify(parts.names) !== JSON.stringify(names)) {
-    return { why: `this policy sees other things than this car shows it: ${parts.names.length} entries, not ${names.length}` };
   }
   return network(parts, steer);
 }

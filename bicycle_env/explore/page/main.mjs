@@ -20,7 +20,8 @@ const tasks = {}; // by their modules' names
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const designs = new Designs(data, arrived);
 
-let { chosen, complaints } = fromHash(data, location.hash);
+const fromAddress = () => fromHash(data, location.hash || document.querySelector("nav a").hash); // of no address, the first example
+let { chosen, complaints } = fromAddress();
 let shown = null, now = 0, playing = null, plane = null, file = null, later = 0, used = new Set();
 
 const load = async (name) => (tasks[name] ??= await import(`./${name}.mjs`));
@@ -54,7 +55,7 @@ function drive(side, before = null) {
   };
   const who = driver(word, {
     ...{ steer: chosen.steer, rear: chosen[`${side}_rear`], angle: chosen.angle * DEGREE, design },
-    ...{ file: file?.parts, hand, names: data.observation_names },
+    ...{ file: file?.parts, hand, names: data.observation_names, env_id: data.env_id },
   });
   const start = [chosen.sideslip * DEGREE, chosen.yaw_rate * DEGREE];
   const name = whoInWords(side, chosen, file?.name);
@@ -91,7 +92,7 @@ function drawRoad() {
   const { start, duration: blows } = data.gust, gust = now >= start && now < start + blows ? chosen.gust : 0;
   const cars = SIDES.map((side) => ({
     ...{ ...STYLES[side], letter: LETTERS[side], ...shown[side], shortly: WHO[chosen[side]] },
-    ending: shown[side].why ? "does not drive" : ending(shown[side], chosen.area),
+    ending: shown[side].why ? "does not drive" : ending(data, shown[side], chosen.area, true),
   }));
   road(at("road"), cars, now, chosen.area === "field" ? null : data.half_width.lane, gust);
 }
@@ -111,7 +112,12 @@ const VIEWS = {
     at("fed_back").textContent = drawEigenvalues(at("eigenvalues"), shown, laws.filter(({ gain }) => gain !== undefined));
   },
   histories: () => drawHistories(at, driven(), Math.max(duration(), 0.1), now),
-  responses: () => (at("wrong_way").textContent = drawResponses(at, shown.body, shown.point.metres_per_second, shown.linear)),
+  responses: () => {
+    const { phase, wrong, why } = drawResponses(at, shown.body, shown.point.metres_per_second, shown.linear);
+    at("phase_words").textContent = phase;
+    at("wrong_way").textContent = wrong;
+    at("wrong_why").textContent = why;
+  },
 };
 const MOVING = ["road", "phase", "histories"], stale = new Set();
 
@@ -194,7 +200,7 @@ function play() {
   const frame = (stamp) => {
     now += before === null ? 0 : Math.min((stamp - before) / 1000, 0.1); // a page that was hidden goes on where it was
     before = stamp;
-    const endings = () => hands.map((side) => ending(shown[side])).join(), said = endings();
+    const endings = () => hands.map((side) => ending(data, shown[side])).join(), said = endings();
     for (const side of hands) shown[side].until(now);
     const over = hands.every((side) => shown[side].over);
     if (endings() !== said) showControls();
@@ -300,12 +306,16 @@ at("copy").addEventListener("click", async () => {
 });
 at("controls").addEventListener("submit", (event) => event.preventDefault());
 addEventListener("hashchange", () => {
-  ({ chosen, complaints } = fromHash(data, location.hash));
+  ({ chosen, complaints } = fromAddress());
   update();
+  at("time_words").scrollIntoView({ block: "nearest" }); // where Play is
 });
 const redraw = () => draw(Object.keys(VIEWS));
 addEventListener("scroll", () => paint(Object.keys(VIEWS).filter(isSeen)), { passive: true });
 addEventListener("resize", redraw);
+new ResizeObserver(([{ target }]) => {
+  document.documentElement.style.setProperty("--summary", `${target.offsetHeight}px`); // what it hides of a narrow screen
+}).observe(at("summary"));
 dark.addEventListener("change", redraw);
 
 update();

@@ -114,6 +114,7 @@ ${[...new Set(words)].map((word) => `    ${word}`).join("\n")}
 
 speed = env.unwrapped.speed
 print(analysis.eigenvalues(vehicle, speed), analysis.zeros(vehicle, speed, "rear_steer", "lateral_acceleration"))
+print("a deviation doubles every", analysis.modes(vehicle, speed).time_to_double, "s")
 print(analysis.equilibria(vehicle, speed, (0.0, 0.0), **road))
 ${recoverable}`.replaceAll("ENV_ID", data.env_id);
 }

@@ -10,6 +10,11 @@ const AXLES = { front: [], rear: [7, 4] }; // dashes
 const OUTPUTS = { lateral_acceleration: [1, "m/s²"], yaw_rate: [1 / DEGREE, "deg/s"] };
 const FREQUENCIES = Array.from({ length: 81 }, (_, k) => 0.05 * 200 ** (k / 80)); // Hz
 const SECONDS = 0.6; // of the step responses
+const UNSTABLE_PHASE = "At this speed the car is unstable. Wheels that are turned and held, as in the steps, let it spin to the side to which they turn its nose. " +
+  "Gain and phase are those of a car that somebody stabilises all the while: to hold a left turn it needs its front wheels to the right (towards low frequencies a phase of ±180 deg), " +
+  "or its rear wheels to the left (a phase of 0).";
+const WRONG_WAY = "Why: the turned wheels push the car to the left at once. But they push behind the centre of mass, which turns the nose to the right. " +
+  "The body then points to the right of where the car goes, and the slip of all tires pushes it to the right, soon more than the turned wheels push it to the left.";
 const behind = { key: null, plane: null, copy: null }; // of the phase plane, what does not move
 const degrees = (column) => column.map((value) => value / DEGREE);
 
@@ -77,7 +82,7 @@ function drawBehind(canvas, orbits, asked) {
   return plane;
 }
 
-// `laws`: of the cars whose rear wheels are steered by a gain times the yaw rate. Gives a sentence about them.
+// `laws`: of the cars whose rear wheels are steered by a gain times the yaw rate. Gives their numbers, in words.
 export function drawEigenvalues(canvas, { body, points, point }, laws) {
   const path = points.map(({ metres_per_second }) => eigenvalues(straight(body, metres_per_second)));
   const every = Math.ceil(path.length / 40), all = path.filter((_, k) => k % every === 0);
@@ -111,8 +116,9 @@ export function drawEigenvalues(canvas, { body, points, point }, laws) {
   const others = active.length ? `Circles: ${named(active)} with rear wheels after the yaw rate (${inWords(moved[0])} per second).`
     : idle.length ? `This car at this speed needs no yaw-rate feedback: ${named(idle)} has the speed's ratio alone.`
     : "";
-  canvas.setAttribute("aria-label", `Eigenvalues at this speed: ${inWords(values)} per second. ${others}`);
-  return others;
+  const said = `At this speed: ${inWords(values)} per second. ${others}`;
+  canvas.setAttribute("aria-label", `Eigenvalues. ${said}`);
+  return said;
 }
 
 // `at(id)`: the canvases; `cars`: with what each is drawn with.
@@ -120,15 +126,19 @@ export function drawHistories(at, cars, duration, now) {
   for (const [name, title] of Object.entries(HISTORIES)) {
     const all = cars.map(({ columns }) => degrees(columns[name]));
     const size = Math.max(1, ...all.flat().map(Math.abs)) * 1.1;
-    const plot = axes(at(`history_${name}`), [0, duration], [-size, size], { x: "time [s]", title });
+    const limit = cars.map(({ car }) => car[`${name.replace("steer", "angle")}_limit`] / DEGREE).find((angle) => angle < size);
+    const words = limit ? `${title}; dotted: the wheels' limit` : title;
+    const plot = axes(at(`history_${name}`), [0, duration], [-size, size], { x: "time [s]", title: words });
     plot.within(() => {
       cars.forEach(({ columns, color, dashes }, k) => curve(plot, columns.time, all[k], color, 2.2, dashes));
       curve(plot, [now, now], [-size, size], "soft", 1);
+      for (const angle of limit ? [-limit, limit] : []) curve(plot, [0, duration], [angle, angle], "edge", 1.5, [2, 4]);
     });
   }
 }
 
-// Both axles: frequency and step responses of the linear car (`world`: on linear tires). Gives a sentence.
+// Both axles: frequency and step responses of the linear car (`world`: on linear tires). Gives what is said
+// of the phase, and of the rear wheels' start.
 export function drawResponses(at, body, speed, world) {
   const found = responses(body, speed, FREQUENCIES), logarithm = FREQUENCIES.map(Math.log10);
   const range = [logarithm[0], logarithm.at(-1)], xTicks = [0.1, 0.3, 1, 3, 10].map((value) => [Math.log10(value), String(value)]);
@@ -153,9 +163,11 @@ export function drawResponses(at, body, speed, world) {
     });
   }
   const { rear } = rightZeros(body, speed);
-  return wrong
-    ? `Rear wheels turned: at first, for ${wrong.toFixed(2)} s (shaded), the car accelerates to the other side than it will go; in the formula a zero at +${rear.toPrecision(3)} 1/s.`
-    : "";
+  return {
+    phase: Number.isFinite(straight(body, speed).time_to_double) ? UNSTABLE_PHASE : "A phase of ±180 deg: the car goes to the other side than the wheels point.",
+    wrong: wrong ? `Rear wheels turned to the left: for ${wrong.toFixed(2)} s (shaded) the car accelerates to the left, before it goes to the right.` : "",
+    why: wrong ? `${WRONG_WAY} In the formula: a zero at +${rear.toPrecision(3)} 1/s.` : "",
+  };
 }
 
 function quarters(least, most) {
