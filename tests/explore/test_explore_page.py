@@ -78,7 +78,8 @@ const start = [chosen.sideslip * DEGREE, chosen.yaw_rate * DEGREE];
 const hand = new Hand(world.rules.control_timestep);
 hand.press("ArrowLeft", true);
 const design = (name) => ({ found: designs[name] ?? point.designs?.[name] });
-const setting = { steer: chosen.steer, angle: chosen.angle * DEGREE, hand, design, names: data.observation_names, env_id: data.env_id, file: files };
+const setting = { steer: chosen.steer, angle: chosen.angle * DEGREE, hand, design, names: data.observation_names };
+Object.assign(setting, { env_id: data.env_id, file: files });
 const runs = SIDES.map((side) => {
   const who = driver(chosen[side], { ...setting, rear: chosen[`${side}_rear`] });
   return who.why ? { why: who.why } : run(world, who, ...start);
@@ -95,7 +96,9 @@ console.log(JSON.stringify({
 
 def in_node(folder, hash, stable=False, designs=None, files=None):
     (folder / "script.mjs").write_text(SCRIPT)
-    (folder / "given.json").write_text(json.dumps({"hash": hash, "stable": stable, "designs": designs or {}, "files": files}))
+    (folder / "given.json").write_text(
+        json.dumps({"hash": hash, "stable": stable, "designs": designs or {}, "files": files})
+    )
     done = subprocess.run([NODE, "script.mjs"], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -276,7 +279,9 @@ def test_who_cannot_drive_says_why(folder):
 def test_a_policy_of_another_task_is_told_apart_by_what_it_sees_before_its_axles(folder):
     other = {"names": ["speed", "gap"], "env_id": "BicycleEvade-v0", "layers": [{"weight": [[0, 0]], "bias": [0]}]}
     found = in_node(folder, "#vehicle=oversteer&steer=both&left=file", files=other)
-    said = "this policy was trained for BicycleEvade-v0, and does not see what BicycleStab-v0 shows it: 2 entries, not 8"
+    said = (
+        "this policy was trained for BicycleEvade-v0, and does not see what BicycleStab-v0 shows it: 2 entries, not 8"
+    )
     assert found["endings"][0] == said
 
 
