@@ -110,7 +110,8 @@ def _compared(level: str) -> str:
     rows = {row["name"]: row for row in leaderboard.read()["levels"][f"{ENV_ID} {level}"]["rows"]}
     trained, classical, best = (rows[name] for name in ("pretrained", "lqr, as shipped", "best found"))
     (low, high), (least, most) = (row["success_rate"]["interval"] for row in (trained, classical))
-    words = "does better" if low > most else "does worse" if high < least else "does neither better nor worse"
+    alike = "and LQR do equally well, as far as these starts tell"
+    words = "does better than LQR" if low > most else "does worse than LQR" if high < least else alike
 
     def share(row: dict[str, Any]) -> str:
         found, (from_, to) = row["success_rate"]["value"], row["success_rate"]["interval"]
@@ -118,7 +119,7 @@ def _compared(level: str) -> str:
 
     return (
         f"Counted over {trained['starts']} random starts in a lane ({ENV_ID}, level {level}), the learned policy "
-        f"{words} than LQR: in the end the car runs straight after {share(trained)} of them, with LQR after "
+        f"{words}: in the end the car runs straight after {share(trained)} of them, with LQR after "
         f"{share(classical)}. With the best steering that a search has found for each of {best['starts']} starts it is "
         f"{share(best)}. From: bicycle-env leaderboard."
     )

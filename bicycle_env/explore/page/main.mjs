@@ -288,6 +288,7 @@ at("time").addEventListener("input", ({ target }) => {
   now = Number(target.value);
   drawNow();
 });
+at("files").addEventListener("click", ({ target }) => (target.value = "")); // the same file, written anew, is a change
 at("files").addEventListener("change", ({ target }) => takeFiles([...target.files]));
 addEventListener("dragover", (event) => event.preventDefault());
 addEventListener("drop", async (event) => {
