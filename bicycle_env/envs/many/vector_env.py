@@ -206,8 +206,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
         ):
             actions = converted_action(actions, self._action_shape, self.steer)
         observation, values, flags, end = results = self._new_results()
-        once = self.action_repeat == 1
-        ended = self._run_once(actions, results, self._restarts) if once else self._run_repeated(actions, results)
+        ended = self._drive(actions, results, self._restarts)
         if self._plain or (not ended and self._tells_little):
             cost, success, here = values[1], flags[2], flags[3]
             info = {"end": end, "cost": cost, "is_success": success, "_end": here, "_cost": here, "_is_success": here}
@@ -307,6 +306,10 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
             np.empty(self.num_envs, INT8),
         )
 
+    @functools.cached_property
+    def _drive(self) -> Callable[..., int]:
+        return self._run_once if self.action_repeat == 1 else self._run_repeated
+
     def _run_once(self, actions: Any, results: tuple[Any, Any, Any, Any], restarts: bool) -> int:
         """One control step, and how many rows have ended."""
         ended = self._run(self._numbers, actions, self._generators.addresses, *results, restarts, 0, self._blocks)
@@ -314,7 +317,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
             ended = self._run_without(~np.all(np.isfinite(actions), axis=1), actions, results, restarts)
         return ended
 
-    def _run_repeated(self, actions: Any, results: tuple[Any, Any, Any, Any]) -> int:
+    def _run_repeated(self, actions: Any, results: tuple[Any, Any, Any, Any], restarts: bool) -> int:
         """``action_repeat`` control steps: rows that end stay where they are; the sum of the rewards."""
         waiting, (observation, values, flags, end) = self._over, results
         self._run_once(actions, results, False)
@@ -323,7 +326,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
             self._run_once(actions, results, False)
             total += values[0]
         values[0] = total
-        if self._restarts and np.any(waiting):
+        if restarts and np.any(waiting):
             self._kernels.start(self._numbers, waiting, self._generators.addresses)
             self._kernels.look(self._numbers, waiting, observation, values)
             flags[:3, waiting], end[waiting] = False, 0
@@ -387,7 +390,7 @@ class SingleTrackVectorEnv(ConfiguredFleet, DrawnRows, gym.vector.VectorEnv[Any,
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions and threads stay in their process: all are made anew.
-        left = ("_kernels", "_run", "_threads", "_numbers", "_blocks")
+        left = ("_kernels", "_run", "_drive", "_threads", "_numbers", "_blocks")
         return {name: value for name, value in self.__dict__.items() if name not in left}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
