@@ -182,7 +182,7 @@ FEATURES: dict[str, Names] = {
             "Configured.action_timestep configure.action_repeat"
         ),
         "envs/single/single_track_env.py": "SingleTrackEnv._step_repeated SingleTrackEnv._steps",
-        "envs/many/vector_env.py": "SingleTrackVectorEnv._run_repeated SingleTrackVectorEnv.step.once",
+        "envs/many/vector_env.py": "SingleTrackVectorEnv._run_repeated SingleTrackVectorEnv._drive",
         "envs/tensors/torch_vector_env.py": "TorchVectorEnv.step:action_repeat",
     },
     "success in every info": {
