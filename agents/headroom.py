@@ -47,7 +47,7 @@ class Args:
     """Compare what could be saved with what is saved, for every id and level."""
 
     quick: bool = False
-    """A look: fewer starts, restarts and samples (five minutes)."""
+    """A look: fewer starts, restarts and samples (some five minutes)."""
     seed: int = 1
     """Seed of the starts that are reported."""
     search_seed: int = 0
