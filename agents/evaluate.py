@@ -238,7 +238,7 @@ def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.evaluate", description=f"{__doc__}\n{list_of_controllers()}")
     messages.check_least(args, episodes=1, seed=0)
     if not args.policy or "" in args.policy:
-        raise UserError("--policy must name at least one policy, and none of them by nothing")
+        raise UserError("--policy must name at least one policy, and no name may be empty")
     messages.check_output("--json", args.json)
     made_by = environment(args.env_id)
     networks = {name: trained.load(name) for name in args.policy if trained.is_trained(name)}

@@ -3,10 +3,10 @@
     python benchmarks/revisions.py 7cbf88c            # a revision of the repository, or the folder of a checkout
     python benchmarks/revisions.py 7cbf88c --only tanh --rounds 15
 
-Each round has two new processes, which take turns: where the memory of a process lies changes its speed by some percent
-as long as it lives, whatever the code. Prints the median of the rounds' ratios, an interval that holds the true median
-with at least 95 % (order statistics), and exits 1 if a median is below `--must`. Processor time; two threads: wall
-time.
+Each round has two new processes, which take turns: one pair's ratio may be some percent off for as long as both live,
+so that its turns agree and still mislead; why is not known. Prints the median of the rounds' ratios, an interval that
+holds the true median with at least 95 % (order statistics), and exits 1 if a median is below `--must`. Processor time;
+two threads: wall time.
 """
 
 from __future__ import annotations
