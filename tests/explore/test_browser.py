@@ -36,6 +36,14 @@ PAINTED = """async (values) => {
   }
   return found;
 }"""
+LATE = """addEventListener("hashchange", (event) => {
+  event.stopImmediatePropagation();
+  document.getElementById("point").dispatchEvent(new Event("input", { bubbles: true }));
+  setTimeout(() => {
+    dispatchEvent(new HashChangeEvent("hashchange"));
+    document.documentElement.dataset.told = "yes";
+  }, 300);
+}, { capture: true, once: true })"""
 SMALL = """() => [...document.querySelectorAll("button, select, input:not([type=checkbox])")]
   .filter((one) => one.offsetWidth && one.offsetHeight < 30).map(({ id }) => id)"""
 DROP = """(files) => {
@@ -77,7 +85,7 @@ def visit(server, browser):
     """``visit(hash, ...)``: a page that is ready; in the end none of them has said an error or asked another host."""
     contexts, said, asked, own = [], [], set(), {"data:"}
 
-    def visit(hash="", width=1440, height=900, url=server.url, **words):
+    def visit(hash="", width=1440, height=900, url=server.url, before="", **words):
         context = browser.new_context(viewport={"width": width, "height": height}, **words)
         contexts.append(context)
         page = context.new_page()
@@ -85,6 +93,7 @@ def visit(server, browser):
         page.on("console", lambda message: said.append(message.text))
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on("request", lambda request: asked.add(re.match(r"\w+:(//[^/]*/)?", request.url)[0]))
+        page.add_init_script(before)
         page.goto(f"{url}#{hash}")
         page.wait_for_selector("html[data-ready]")
         own.add(url)
@@ -327,6 +336,14 @@ def test_without_an_address_the_first_example_is_shown(visit):
     link.locator("#ending_left", has_text="spun").wait_for()
     assert settled_hash(first) == settled_hash(link)
     assert "area=field" in settled_hash(first)
+
+
+def test_a_link_followed_while_the_address_is_being_written_is_followed(visit):
+    """A browser tells of the new address some time after it: here once the page has settled in between."""
+    page = visit("vehicle=civic&speed=20", before=LATE)
+    page.locator("nav a").nth(2).click()
+    page.wait_for_selector("html[data-told]")
+    assert page.input_value("#sideslip") == "16"
 
 
 def test_what_is_said_of_the_phase_and_the_eigenvalues_follows_the_speed(visit):

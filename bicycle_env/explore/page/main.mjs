@@ -20,7 +20,11 @@ const tasks = {}; // by their modules' names
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const designs = new Designs(data, arrived);
 
-const fromAddress = () => fromHash(data, location.hash || document.querySelector("nav a").hash); // of no address, the first example
+let address = ""; // as it was last read or written
+const fromAddress = () => {
+  address = location.hash;
+  return fromHash(data, address || document.querySelector("nav a").hash); // of no address, the first example
+};
 let { chosen, complaints } = fromAddress();
 let shown = null, now = 0, playing = null, plane = null, file = null, later = 0, used = new Set();
 
@@ -145,8 +149,10 @@ function draw(names) {
 function settle() {
   paint(Object.keys(VIEWS));
   computeOrbits(shown, chosen, () => draw(["phase"]));
-  const hash = toHash(data, chosen);
-  if (hash !== location.hash) history.replaceState(null, "", hash);
+  if (location.hash === address) { // else a link was followed, and its hashchange is on its way
+    history.replaceState(null, "", toHash(data, chosen));
+    address = location.hash;
+  }
   document.documentElement.dataset.settled = "yes";
 }
 
