@@ -89,8 +89,15 @@ SETTINGS = {
     **{f"{row.id} {level}": Setting(row.id, level, {"level": level}) for row in ENVIRONMENTS for level in LEVELS},
     **{f"{STAB}, {name}": Setting(STAB, None, keywords) for name, keywords in CONDITIONS.items()},
 }
-ORDER = sorted(SETTINGS, key=lambda name: -[row.id for row in ENVIRONMENTS].index(SETTINGS[name].env_id))
-"""Those that take longest should not begin last: the ids with the most controllers and the most that is hidden."""
+ORDER = sorted(
+    SETTINGS,
+    key=lambda name: (
+        (*LEVELS, None).index(SETTINGS[name].level),
+        -[row.id for row in ENVIRONMENTS].index(SETTINGS[name].env_id),
+    ),
+)
+"""Neighbours are of different ids: two processes would compile the same at the same time. And those that take longest,
+of the ids with the most controllers and the most that is hidden, should not begin last."""
 
 
 def worker(name: str, extent: Extent, seed: int, search_seed: int, told: Any) -> dict[str, Any]:

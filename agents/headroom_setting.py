@@ -71,10 +71,12 @@ class Extent(NamedTuple):
     """Of what is hidden, for one start."""
     samples: int
     """Sequences per start and iteration."""
+    lane_grid: tuple[int, int, int, int]
+    """Nodes of the bound."""
 
 
-FULL = Extent(2000, 200, 64, 128, 1000, 5, 16, 32, 192)
-QUICK = Extent(200, 16, 6, 64, 200, 1, 3, 8, 64)
+FULL = Extent(2000, 200, 64, 128, 1000, 5, 16, 32, 192, (61, 61, 33, 25))
+QUICK = Extent(200, 16, 6, 64, 200, 1, 3, 8, 64, (31, 31, 17, 13))
 
 Tell = Callable[[str, float, float], None]
 """``tell(what, done, total)``."""
@@ -313,7 +315,7 @@ class _Study:
     def bound(self) -> None:
         plant = self.plant
         self.tell(BOUND, 0, 1)
-        inside = recoverable(plant)
+        inside = recoverable(plant, self.extent.lane_grid)
         state = self.starts
         within = inside.contains(state.lateral_velocity, state.yaw_rate, state.heading, state.lateral_position)
         outside = {
@@ -352,7 +354,7 @@ class _Study:
         }
 
 
-def recoverable(plant: Any) -> analysis.RecoverableSet:
+def recoverable(plant: Any, lane_grid: tuple[int, int, int, int] = FULL.lane_grid) -> analysis.RecoverableSet:
     """What some steering could save in the environment; beyond half a body outside the lane it has ended."""
     return analysis.recoverable_set(
         plant.vehicle,
@@ -363,6 +365,7 @@ def recoverable(plant: Any) -> analysis.RecoverableSet:
         steer_limits=(plant.front_actuator.angle_limit, plant.rear_actuator.angle_limit),
         horizon=plant.task.episode_steps * plant.control_timestep,
         lane=plant.task.road_half_width + 0.5 * plant.vehicle.body_width,
+        lane_grid=lane_grid,
         progress=False,
     )
 

@@ -3,6 +3,7 @@
 (pytest puts this file's folder on the path.)
 """
 
+import gc
 import os
 import signal
 import sys
@@ -17,6 +18,7 @@ for library in ("OPENBLAS", "OMP"):  # before numpy and torch are imported; smal
 
 def pytest_configure():
     """A shell's background job ignores Ctrl-C, and so would the commands that the tests of stopping start."""
+    gc.disable()  # until pytest_collection_finish
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -49,6 +51,12 @@ def pytest_collection_modifyitems(items):
             if places <= seen:
                 item.add_marker(pytest.mark.exhaustive)
             seen |= places
+
+
+def pytest_collection_finish():
+    """Libraries and tests are a million objects that stay: Python need not look through them for rings all the time."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture
