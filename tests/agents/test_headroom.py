@@ -20,7 +20,7 @@ from bicycle_env.tasks.options import altered
 from bicycle_env.tasks.stabilise import Stabilise
 
 RESULTS = Path(__file__).parents[2] / "results"
-TINY = Extent(12, 6, 4, 4, 8, 2, 2, 2, 8)
+TINY = Extent(12, 6, 4, 4, 8, 2, 2, 2, 8, (11, 11, 9, 7))
 
 
 class Everywhere:
@@ -37,7 +37,7 @@ def tell(*_):
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["BicycleStab-v0 medium", "BicycleActiveSteer-v0 hard", "BicycleEvade-v0 medium"])
 def test_a_small_study(name, monkeypatch):
-    monkeypatch.setattr(headroom_setting, "recoverable", lambda plant: Everywhere())
+    monkeypatch.setattr(headroom_setting, "recoverable", lambda *_: Everywhere())
     setting = headroom.SETTINGS[name]
     part = headroom_setting.study(setting, TINY, 1, 0, tell)
     rows, names = part["drivers"], headroom_setting.CONTROLLERS[setting.env_id]
