@@ -107,8 +107,7 @@ def test_each_row_is_the_single_environment_and_tensors_agree(env_id, mode):
 
 
 def test_rows_of_a_mask_change_alone_and_back():
-    many = gym.make_vec(STAB, CARS, **QUICK, varied=True, autoreset_mode="Disabled")
-    plain = gym.make_vec(STAB, CARS, **QUICK, autoreset_mode="Disabled")
+    many, plain = (gym.make_vec(STAB, CARS, **QUICK, varied=True, autoreset_mode="Disabled") for _ in range(2))
     many.reset(seed=0, options=OTHERS)
     mask = np.arange(CARS) % 2 == 0
     many.reset(seed=0, options={"reset_mask": mask})
