@@ -72,7 +72,7 @@ def test_all_is_on_the_device(env_id, mode, tire, monkeypatch):
     monkeypatch.setattr(torch, "Generator", HostGenerator)
     with FakeTensorMode(allow_non_fake_inputs=True):
         given = {"autoreset_mode": mode, "on_invalid": "terminate", "telemetry": True, "tire": tire}
-        given["physics_timestep"] = 0.01  # two substeps: one after another
+        given["physics_timestep"] = 0.02  # one substep
         envs = TorchVectorEnv(env_id, 4, device="cuda", friction=[1.0, 0.5, 1.0, 1.0], **given)
         assert str(envs.device) == "cuda:0"
         observation, info = envs.reset(seed=0, options={"state": {"yaw_rate": 0.1}})

@@ -176,6 +176,7 @@ def test_one_car_is_one_of_many_and_tensors_agree(tire, varied):
     for action in actions():
         observation, reward, terminated, truncated, info = many.step(action)
         seen, gained, *_, told = tensors.step(torch.from_numpy(action))
+        of_many, of_tensors = many.unwrapped.measure(), tensors.measure()
         for k, env in enumerate(alone):
             if not over[k]:
                 expected = env.step(action[k])
@@ -188,10 +189,10 @@ def test_one_car_is_one_of_many_and_tensors_agree(tire, varied):
                 costs.add(expected[4]["cost"])
                 assert gained[k].item() == pytest.approx(reward[k], rel=1e-12, abs=1e-12)
                 np.testing.assert_allclose(seen[k].numpy(), observation[k], rtol=1e-6, atol=1e-7)
-                forces.add(env.unwrapped.measure()["front_peak_force"])
-                measured, of_many = env.unwrapped.measure(), many.unwrapped.measure()
+                measured = env.unwrapped.measure()
+                forces.add(measured["front_peak_force"])
                 assert {name: values[k] for name, values in of_many.items()} == measured
-                assert {name: values[k].item() for name, values in tensors.measure().items()} == pytest.approx(measured)
+                assert {name: values[k].item() for name, values in of_tensors.items()} == pytest.approx(measured)
         over |= terminated | truncated
     assert over.all()
     assert {"", "turned"} <= words
