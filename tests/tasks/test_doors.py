@@ -46,7 +46,7 @@ class Doors(Stabilise):
     gust_force: float = 2000.0
     gust_arm: float = 0.5
     amplitude: float = 0.02
-    most_heading: float = 0.5
+    most_heading: float = 0.6
 
     def start(self, xp):
         inner = xp.function(Stabilise.start(self, xp))

@@ -184,6 +184,7 @@ def test_signals_come_in_the_order_asked_for_and_with_their_mirror_image():
     assert not gym.make(LANE, **QUICK, sensors=Sensors(signals=["heading"])).unwrapped.task.preview_times
 
 
+@in_python
 @pytest.mark.exhaustive
 def test_a_controller_says_what_it_misses_and_lqg_takes_the_accelerometer():
     signals = (*CAR, "lateral_position", "heading")
