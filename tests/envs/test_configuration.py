@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from combinations import only_all
 
 from bicycle_env import Actuator, Vehicle, tires
 from bicycle_env.envs.configuration import configure
@@ -82,9 +83,10 @@ def drive(configuration, rng, steps):
 
 
 @pytest.mark.filterwarnings("ignore::bicycle_env.physics.vehicle.UnitWarning")
-def test_whatever_is_within_the_ranges_drives_with_finite_numbers():
+@pytest.mark.parametrize(("configurations", "most_steps"), [(250, 15), only_all(500, 50)])
+def test_whatever_is_within_the_ranges_drives_with_finite_numbers(configurations, most_steps):
     rng, accepted, steps = np.random.default_rng(0), 0, 0
-    for _ in range(500):
+    for _ in range(configurations):
         keywords = any_configuration(rng)
         try:
             configuration = configure(Stabilise(), Setup(**keywords))
@@ -92,7 +94,7 @@ def test_whatever_is_within_the_ranges_drives_with_finite_numbers():
             assert "timestep must be" in str(error)  # noqa: PT017
             continue
         accepted += 1
-        for numbers in drive(configuration, rng, 50):
+        for numbers in drive(configuration, rng, most_steps):
             steps += 1
             assert np.all(np.isfinite(numbers)), (keywords, numbers)
     assert accepted >= 40

@@ -66,7 +66,7 @@ def test_one_car_many_and_tensors_are_the_same(env_id, level):
     tensors.reset(seed=0)
     tensors.set_state({name: torch.from_numpy(values) for name, values in many.state._asdict().items()})
     rng, running = np.random.default_rng(1), np.ones(CARS, bool)
-    for _ in range(60):
+    for _ in range(25):
         action = rng.uniform(-0.5, 0.5, many.action_space.shape).astype(np.float32)
         observation, reward, terminated, *_ = many.step(action)
         seen, gained, *_ = tensors.step(torch.from_numpy(action))

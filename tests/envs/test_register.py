@@ -213,6 +213,7 @@ def test_a_path_without_its_errors_is_refused_by_controllers():
 # The check of a task
 
 
+@pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 def test_a_task_is_checked_in_every_environment():
     lines = bicycle_env.check_task(STAB, cars=3, **SHORT)
     assert [line.split(": ")[1] for line in lines] == ["one car and many", "tensors", "mirror image", "rendering"]
@@ -231,6 +232,7 @@ def stepped(change):
     return wrapped
 
 
+@pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 @pytest.mark.parametrize(
     ("owner", "change", "words"),
     [
@@ -258,6 +260,7 @@ def test_the_check_says_what_differs(monkeypatch, owner, change, words):
         bicycle_env.check_task(STAB, cars=1, **SHORT)
 
 
+@pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 def test_the_check_sees_a_side(monkeypatch):
     """The law of the start apart: whatever a task draws, its mirror image must drive on mirrored."""
     monkeypatch.setattr(SingleTrackEnv, "observation_mirror", property(lambda env: np.ones(8)))

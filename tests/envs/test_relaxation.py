@@ -19,7 +19,7 @@ def actions(steps=60):
     return np.clip(np.cumsum(rng.uniform(-0.3, 0.3, (steps, CARS, 2)), axis=0), -1.0, 1.0).astype(np.float32)
 
 
-@pytest.mark.exhaustive  # test_sensors.py has one with a relaxation length, too
+@pytest.mark.exhaustive  # tests/tasks/test_options.py has one with a relaxation length, too
 @pytest.mark.parametrize("env_id", [STAB, LANE])
 @pytest.mark.parametrize("options", [None, {"state": {"lateral_velocity": 2.0, "yaw_rate": 0.2, OWN[1]: 0.01}}])
 def test_one_car_is_one_of_many_and_of_tensors(env_id, options):
@@ -52,6 +52,7 @@ def test_one_car_is_one_of_many_and_of_tensors(env_id, options):
     assert over.any() or env_id == LANE
 
 
+@pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 @pytest.mark.parametrize("steer", ["front", "rear", "both"])
 def test_a_step_is_the_linear_map_of_eight_states(steer):
     env = gym.make(STAB, steer=steer, tire="linear", geometry="small_angle", relaxation_length=0.4).unwrapped

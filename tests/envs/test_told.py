@@ -20,7 +20,7 @@ NAMES = (
 OF_MANY = (*NAMES, "fleet", "max_episode_steps", "staggered_start", "on_invalid", "end_names", "dtype")
 CASES = {
     "single": (lambda: gym.make(STAB).unwrapped, NAMES),
-    "native": (lambda: gym.make_vec(STAB, 3).unwrapped, (*OF_MANY, "threads")),
+    "native": (lambda: gym.make_vec(STAB, 8).unwrapped, (*OF_MANY, "threads")),
     "torch": (lambda: TorchVectorEnv(STAB, 3), OF_MANY),
 }
 

@@ -258,6 +258,7 @@ def wide(monkeypatch):
     gym.registry.pop("Wide-v0")
 
 
+@pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 @pytest.mark.parametrize("limit", [0.3, only_all(0.4)])
 def test_a_law_reads_the_tasks_own_keyword_in_every_environment(wide, limit):
     """Kernels of an earlier revision were made of `Wide()`, whatever the keyword."""

@@ -1,7 +1,7 @@
 """Who steers, what acts on the car, what an episode remembers: a task of one's own, alike in every environment."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -21,6 +21,7 @@ from bicycle_env.physics.single_track import SingleTrack
 from bicycle_env.tasks.checking import check
 from bicycle_env.tasks.control_step import transition
 from bicycle_env.tasks.episode import EpisodeState, Rules, World
+from bicycle_env.tasks.rewards import Reward
 from bicycle_env.tasks.stabilise import Nothing, Stabilise
 from bicycle_env.tasks.task import Entry
 
@@ -41,9 +42,11 @@ class Doors(Stabilise):
     """A driver holds the front wheels, a policy the rear ones; a gust of half a second; ice from 20 m on."""
 
     TaskState, uniforms, flipped = Gusts, 6, ("gust_side",)
+    ends: ClassVar = ("spun", "left_lane", "turned")
     gust_force: float = 2000.0
     gust_arm: float = 0.5
     amplitude: float = 0.02
+    most_heading: float = 0.6
 
     def start(self, xp):
         inner = xp.function(Stabilise.start(self, xp))
@@ -86,6 +89,20 @@ class Doors(Stabilise):
 
         return remember
 
+    def end(self, xp):
+        usual, most = xp.function(Stabilise.end(self, xp)), self.most_heading
+
+        def end(state, reference, episode, world):
+            return xp.where(abs(state.heading) > most, 4, usual(state, reference, episode, world))
+
+        return end
+
+    def cost(self, xp):
+        return lambda state, reference, episode, world: xp.where(abs(state.yaw_rate) > 0.3, 1.0, 0.0 * state.heading)
+
+    def success(self, xp):
+        return lambda state, reference, episode, world: abs(state.lateral_velocity) < 5.0
+
     def observe(self, xp):
         inner = xp.function(Stabilise.observe(self, xp))
 
@@ -100,11 +117,37 @@ class Doors(Stabilise):
         return (*given, Entry("largest_yaw_rate", "rad/s", 1.0, 10.0, "so far", 1.0))
 
 
+@dataclasses.dataclass(frozen=True)
+class Held(Reward):
+    """Less for a fast steer now, and for a large heading before; a failure pays for each step that is done."""
+
+    weight: float = 2.0
+
+    def before(self, xp):
+        return lambda state, reference, action, world: abs(state.heading)
+
+    def law(self, xp):
+        weight = self.weight
+
+        def law(state, reference, action, memory, before, end, world):
+            change = action[1] - memory.rear_steer_command / world.car.rear_angle_limit
+            return -weight * change * change - before
+
+        return law
+
+    def forfeit(self, xp, task):
+        fine = task.limits.yaw_rate
+        return lambda steps, car, rules: -fine * steps
+
+
 @pytest.fixture(scope="module", autouse=True)
 def registered():
     bicycle_env.register(ID, Doors(), 50)
     yield
     registry.pop(ID)
+
+
+KIND = {"tire": "linear", "geometry": "small_angle", "reward": Held()}
 
 
 def actions():
@@ -114,12 +157,14 @@ def actions():
 
 @pytest.mark.parametrize(("tire", "varied"), [("linear", False), only_all("tanh", True)])
 def test_one_car_is_one_of_many_and_tensors_agree(tire, varied):
-    given = {"tire": tire, "geometry": "small_angle", "autoreset_mode": "Disabled"}
+    """With laws of its own for all that the others in this folder ask without the compiler, a reward included."""
+    kind = {**KIND, "tire": tire}
+    given = {**kind, "autoreset_mode": "Disabled"}
     friction = np.linspace(0.5, 1.0, CARS) if varied else np.ones(CARS)
     own = {"friction": friction} if varied else {}
     many = gym.make_vec(ID, CARS, **given, **own)
     tensors = TorchVectorEnv(ID, CARS, **given, **own)
-    alone = [gym.make(ID, tire=tire, geometry="small_angle", friction=friction[k], telemetry=True) for k in range(CARS)]
+    alone = [gym.make(ID, **kind, friction=friction[k], telemetry=True) for k in range(CARS)]
     many.reset(seed=1)
     for k, env in enumerate(alone):
         env.reset(seed=1 + k)
@@ -127,26 +172,35 @@ def test_one_car_is_one_of_many_and_tensors_agree(tire, varied):
     state = many.unwrapped.state._asdict()
     tensors.set_state({name: torch.from_numpy(value) for name, value in state.items()})
     over = np.zeros(CARS, bool)
-    forces = set()
+    forces, words, costs = set(), set(), set()
     for action in actions():
-        observation, reward, terminated, truncated, _ = many.step(action)
-        seen, gained, *_ = tensors.step(torch.from_numpy(action))
+        observation, reward, terminated, truncated, info = many.step(action)
+        seen, gained, *_, told = tensors.step(torch.from_numpy(action))
+        of_many, of_tensors = many.unwrapped.measure(), tensors.measure()
         for k, env in enumerate(alone):
             if not over[k]:
                 expected = env.step(action[k])
                 assert (observation[k].tobytes(), reward[k]) == (expected[0].tobytes(), expected[1]), k
                 assert (terminated[k], truncated[k]) == expected[2:4]
+                assert many.unwrapped.end_names[info["end"][k]] == expected[4]["end"]
+                for name in ("cost", "is_success"):
+                    assert info[name][k] == expected[4][name] == told[name][k].item()
+                words.add(expected[4]["end"])
+                costs.add(expected[4]["cost"])
                 assert gained[k].item() == pytest.approx(reward[k], rel=1e-12, abs=1e-12)
                 np.testing.assert_allclose(seen[k].numpy(), observation[k], rtol=1e-6, atol=1e-7)
-                forces.add(env.unwrapped.measure()["front_peak_force"])
-                measured, of_many = env.unwrapped.measure(), many.unwrapped.measure()
+                measured = env.unwrapped.measure()
+                forces.add(measured["front_peak_force"])
                 assert {name: values[k] for name, values in of_many.items()} == measured
-                assert {name: values[k].item() for name, values in tensors.measure().items()} == pytest.approx(measured)
+                assert {name: values[k].item() for name, values in of_tensors.items()} == pytest.approx(measured)
         over |= terminated | truncated
     assert over.all()
+    assert {"", "turned"} <= words
+    assert costs == {0.0, 1.0}
     assert len(forces) == 2 * len(set(friction)), "on the road and on the ice"
 
 
+@pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 def test_a_gust_turns_the_car_as_the_linear_model_says():
     """m V' = ... + F, Iz r' = ... + F arm, without steering: the state after 0.2 s, against the matrix exponential."""
     import scipy.linalg
@@ -169,7 +223,7 @@ def test_a_gust_turns_the_car_as_the_linear_model_says():
 
 
 def test_the_driver_steers_the_front_wheels_and_the_policy_the_rear_ones():
-    env = gym.make(ID, tire="linear", geometry="small_angle").unwrapped
+    env = gym.make(ID, **KIND).unwrapped
     env.reset(seed=0, options={"state": {}})
     side = env.state.gust_side
     for k in range(5):
@@ -179,7 +233,7 @@ def test_the_driver_steers_the_front_wheels_and_the_policy_the_rear_ones():
 
 
 def test_what_is_remembered_ends_with_the_episode_and_is_in_snapshots():
-    env = gym.make(ID, tire="linear", geometry="small_angle").unwrapped
+    env = gym.make(ID, **KIND).unwrapped
     env.reset(seed=0)
     seen = []
     for action in actions()[:20, 0]:
@@ -260,6 +314,7 @@ def test_a_road_without_grip_lets_the_car_slide_on(tire, soft):
     assert np.all(rates[0] != rates[2])
 
 
+@pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 def test_telemetry_of_a_car_without_grip():
     bicycle_env.register("Test/Slippery-v0", Slippery)
     env = gym.make("Test/Slippery-v0", telemetry=True)

@@ -51,6 +51,7 @@ def worst(env, limits, half_width):
     return 0.25 * lateral**2 + 10.0 * (2.0 * limits.heading) ** 2 + 4.0 * limits.yaw_rate**2 + 0.1 + 0.1
 
 
+@pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 @pytest.mark.parametrize(
     ("given", "limits", "half_width"),
     [

@@ -193,6 +193,7 @@ def test_the_errors_in_the_observation():
     assert abs(info["lateral_error"]) > 0.1
 
 
+@pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 @pytest.mark.parametrize(
     ("length", "spacing", "names"),
     [

@@ -51,6 +51,7 @@ class Fined(rewards.Reward):
         return lambda steps, car, rules: -fine * steps
 
 
+@pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 @pytest.mark.parametrize(
     "reward",
     [Smooth(), only_all(Fined()), only_all(Smooth(weight=0.5)), only_all(rewards.Quadratic(yaw_rate_cost=3.0))],

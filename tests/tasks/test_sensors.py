@@ -17,6 +17,7 @@ QUICK = {"tire": "linear", "geometry": "small_angle"}
 NOISE = {"yaw_rate": 0.01, "lateral_position": 0.05, "front_steer_command": 0.002}
 SENSORS = Sensors(noise=NOISE, resolution={"heading": 0.05})
 CARS = 8
+in_python = pytest.mark.usefixtures("interpreted")  # the laws are asked, not the machine code
 
 
 def actions(steps=60):
@@ -47,17 +48,21 @@ def test_one_car_is_one_of_many_and_tensors_agree(env_id):
 
 
 def test_the_noise_is_what_was_asked_for_and_nothing_else_changes():
-    plain, noisy = gym.make(STAB, **QUICK).unwrapped, gym.make(STAB, **QUICK, sensors=SENSORS).unwrapped
+    """Of tensors, which draw it for all cars at once; test_options.py has a single environment's beside them."""
+    number, steps = 400, 10
+    plain, noisy = (
+        TorchVectorEnv(STAB, number, **QUICK, **given, autoreset_mode="Disabled")
+        for given in ({}, {"sensors": SENSORS})
+    )
+    plain.reset(seed=0)
+    noisy.reset(seed=1)
+    noisy.set_state(plain.state._asdict())
     differences = []
-    for episode in range(400):
-        for env in (plain, noisy):
-            env.reset(seed=episode)
-        for _ in range(10):
-            action = np.zeros(2, np.float32)
-            (mine, reward, *_), (theirs, expected, *_) = noisy.step(action), plain.step(action)
-            assert reward == expected  # who judges knows the truth
-            differences.append((mine - theirs) * plain.observation_scale)
-    found = np.array(differences)
+    for _ in range(steps):
+        (mine, reward, *_), (theirs, expected, *_) = (env.step(torch.zeros(number, 2)) for env in (noisy, plain))
+        assert torch.equal(reward, expected)  # who judges knows the truth
+        differences.append((mine - theirs).numpy() * plain.observation_scale)
+    found = np.concatenate(differences)
     names = list(plain.observation_names)
     for j, name in enumerate(names):
         if name == "heading":  # told in steps
@@ -69,6 +74,7 @@ def test_the_noise_is_what_was_asked_for_and_nothing_else_changes():
     assert abs(np.corrcoef(first, second)[0, 1]) < 0.08
 
 
+@in_python
 def test_values_are_told_in_steps():
     env = gym.make(STAB, **QUICK, sensors=SENSORS).unwrapped
     place = env.observation_names.index("heading")
@@ -77,6 +83,7 @@ def test_values_are_told_in_steps():
         assert observation[place] * env.observation_scale[place] == pytest.approx(told, abs=1e-7)
 
 
+@in_python
 def test_an_episode_that_is_restored_has_the_same_noise():
     env = gym.make(STAB, **QUICK, sensors=SENSORS).unwrapped
     env.reset(seed=0)
@@ -115,8 +122,17 @@ def test_a_mistake_is_named(sensors, match):
 CAR = ("yaw_rate", "lateral_acceleration", "front_steer", "rear_steer", "front_steer_command", "rear_steer_command")
 
 
-@pytest.mark.parametrize("env_id", [STAB, only_all(LANE)])
-@pytest.mark.parametrize("late", [only_all({}), {"observation_delay": 2, "relaxation_length": 0.4}])
+@pytest.mark.parametrize("env_id", [STAB, LANE])
+def test_the_names_of_what_a_car_measures(env_id):
+    given = {**QUICK, "sensors": Sensors(signals="car")}
+    for env in (gym.make(env_id, **given).unwrapped, TorchVectorEnv(env_id, CARS, **given)):
+        assert env.observation_names[:7] == (*CAR, "lateral_position")
+        assert len(env.observation_names) == 7 + len(env.task.preview_times)
+
+
+@pytest.mark.exhaustive  # test_options.py has one car, many and tensors with all options, these among them
+@pytest.mark.parametrize("env_id", [STAB, LANE])
+@pytest.mark.parametrize("late", [{}, {"observation_delay": 2, "relaxation_length": 0.4}])
 def test_what_a_car_measures_is_the_same_for_one_car_many_and_tensors(env_id, late):
     given = {**QUICK, **late, "sensors": Sensors(signals="car", noise={"lateral_acceleration": 0.2})}
     many = gym.make_vec(env_id, CARS, **given, autoreset_mode="Disabled")
@@ -141,6 +157,7 @@ def test_what_a_car_measures_is_the_same_for_one_car_many_and_tensors(env_id, la
         over |= terminated | truncated
 
 
+@in_python
 @pytest.mark.exhaustive
 def test_an_accelerometer_feels_the_mean_of_the_step_gusts_included():
     gust = {"name": "gust", "force": 1500.0, "start": 0.1, "duration": 0.2, "side": "left"}
@@ -167,6 +184,7 @@ def test_signals_come_in_the_order_asked_for_and_with_their_mirror_image():
     assert not gym.make(LANE, **QUICK, sensors=Sensors(signals=["heading"])).unwrapped.task.preview_times
 
 
+@in_python
 @pytest.mark.exhaustive
 def test_a_controller_says_what_it_misses_and_lqg_takes_the_accelerometer():
     signals = (*CAR, "lateral_position", "heading")
