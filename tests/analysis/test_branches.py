@@ -189,7 +189,7 @@ def test_understeering_car_has_one_stable_branch():
 
 
 def test_above_the_critical_speed_the_branch_through_straight_running_is_unstable():
-    branch = analysis.equilibrium_branches("oversteer", 1.2 * CRITICAL)[0]
+    branch = analysis.equilibrium_branches("oversteer", 1.2 * CRITICAL, steer_limit=0.05)[0]
     middle = np.argmin(np.abs(branch.front_steer) + np.abs(branch.yaw_rate))
     assert abs(branch.yaw_rate[middle]) < 1e-12
     assert branch.kind[middle] == "saddle"
