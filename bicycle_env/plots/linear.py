@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_env.analysis.stability import critical_speed, eigenvalues, static_margin
+from bicycle_env.analysis.stability import critical_speed, eigenvalues, state_matrix, static_margin
 from bicycle_env.analysis.transfer_functions import INPUTS, transfer_function
 from bicycle_env.physics.presets import resolve_vehicle
 from bicycle_env.physics.validation import RANGES, checked_speed
@@ -205,7 +205,7 @@ def _map(
     high = min(0.98, max(0.7, share + 0.15, neutral + 0.15))
     shares, speeds = np.linspace(low, high, 101), np.linspace(1.0, top_speed(vehicle, speed), 61)
     cars = [changed(float(value)) for value in shares]
-    growth = np.array([[np.max(eigenvalues(car, float(u)).real) for car in cars] for u in speeds])
+    growth = np.max(np.linalg.eigvals([[state_matrix(car, float(u)) for car in cars] for u in speeds]).real, axis=-1)
     percent = 100.0 * shares
     dress(axes, xlim=(percent[0], percent[-1]), ylim=(0.0, speeds[-1]))  # labels of contours turn with the scales
     fine = np.linspace(low, high, 2001)  # near the neutral line the critical speed rises steeply

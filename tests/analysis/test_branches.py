@@ -21,7 +21,7 @@ CRITICAL = OVERSTEER.critical_speed
 
 @functools.cache
 def branches_at_25(tire):
-    return analysis.equilibrium_branches("oversteer", 25.0, tire=tire)
+    return analysis.equilibrium_branches("oversteer", 25.0, tire=tire, steer_limit=0.1)
 
 
 def of_kind(branches, kind):
@@ -50,7 +50,7 @@ def test_tanh_folds_are_the_closed_form(input, speed_ratio, friction):
     """
     speed = speed_ratio * CRITICAL
     branches = analysis.equilibrium_branches(
-        "oversteer", speed, input, tire="tanh", friction=friction, geometry="small_angle"
+        "oversteer", speed, input, tire="tanh", friction=friction, geometry="small_angle", steer_limit=0.06
     )
     x = math.acosh(1.0 / speed_ratio)
     steer = 2.7 * friction * GRAVITY / speed**2 * (math.tanh(x) - speed_ratio**2 * x)
@@ -82,7 +82,7 @@ def test_fiala_folds_against_an_independent_search(name, ratio):
     vehicle = vehicles[name]
     speed = ratio * vehicle.critical_speed
     steer, z = fiala_fold(vehicle, speed, 0.8)
-    branches = analysis.equilibrium_branches(name, speed, friction=0.8, geometry="small_angle")
+    branches = analysis.equilibrium_branches(name, speed, friction=0.8, geometry="small_angle", steer_limit=0.06)
     right, left = sorted(of_kind(branches, "fold"), key=lambda fold: fold.front_steer)
     assert left.front_steer == pytest.approx(steer, abs=1e-13)
     assert right.front_steer == pytest.approx(-steer, abs=1e-13)
@@ -189,7 +189,7 @@ def test_understeering_car_has_one_stable_branch():
 
 
 def test_above_the_critical_speed_the_branch_through_straight_running_is_unstable():
-    branch = analysis.equilibrium_branches("oversteer", 1.2 * CRITICAL)[0]
+    branch = analysis.equilibrium_branches("oversteer", 1.2 * CRITICAL, steer_limit=0.05)[0]
     middle = np.argmin(np.abs(branch.front_steer) + np.abs(branch.yaw_rate))
     assert abs(branch.yaw_rate[middle]) < 1e-12
     assert branch.kind[middle] == "saddle"

@@ -10,7 +10,9 @@ from bicycle_env import analysis, vehicles
 @pytest.mark.parametrize("speed", [20.0, 30.0])
 def test_a_steady_turn_is_lost_at_the_critical_speed_of_that_turn(tire, speed):
     """An oversteering car well below the critical speed of straight running: the first fold to the left."""
-    (through_zero, *_) = analysis.equilibrium_branches("oversteer", speed, tire=tire, geometry="small_angle")
+    (through_zero, *_) = analysis.equilibrium_branches(
+        "oversteer", speed, tire=tire, geometry="small_angle", steer_limit=0.1, sideslip_limit=0.3
+    )
     folds = [each for each in through_zero.bifurcations if each.kind == "fold"]
     fold = min((each for each in folds if each.front_steer > 0.0), key=lambda each: each.front_steer)
 

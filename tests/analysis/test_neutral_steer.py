@@ -1,6 +1,7 @@
 """Neutral steer: one rule decides, and every part of the package says the same of the same car."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -29,6 +30,11 @@ def neutral_cars(number, seed=0):
         )
 
 
+def parted(car):
+    """Whether rounding makes a Cf and b Cr differ."""
+    return car.cg_to_front * car.front_cornering_stiffness != car.cg_to_rear * car.rear_cornering_stiffness
+
+
 BMW = Vehicle(
     mass=1093.2952334674046,
     yaw_inertia=1791.5995120,
@@ -42,9 +48,7 @@ BMW = Vehicle(
 
 def test_2000_neutral_cars_are_neutral_everywhere():
     cars = list(neutral_cars(2000))
-    moments = [car.cg_to_front * car.front_cornering_stiffness for car in cars]
-    others = [car.cg_to_rear * car.rear_cornering_stiffness for car in cars]
-    assert sum(a != b for a, b in zip(moments, others, strict=True)) > 500  # rounding parts many of them
+    assert sum(map(parted, cars)) > 500
     for car in cars:
         assert car.yaw_stiffness == 0.0
         assert car.critical_speed == analysis.critical_speed(car) == math.inf
@@ -61,7 +65,7 @@ def test_2000_neutral_cars_are_neutral_everywhere():
 
 @pytest.mark.parametrize("tire", ["linear", "tanh", "fiala", only_all("magic_formula")])
 def test_the_handling_diagram_of_neutral_cars_is_neutral(tire):
-    for car in neutral_cars(40, seed=1):
+    for car in itertools.islice(filter(parted, neutral_cars(100, seed=1)), 12):
         diagram = analysis.handling_diagram(car, tire=tire, points=9)
         assert diagram.limit == "neutral"
         assert np.all(np.isinf(diagram.curves[0].critical_speed[:-1]))

@@ -25,6 +25,7 @@ from bicycle_env.physics.single_track import SingleTrack
 TORCH = array_namespace(torch)
 FIELDS, NUMBERS = len(CarState._fields), len(CarParameters._fields)
 STEPS, SUBSTEPS, TIMESTEP = 200, 5, 0.004
+PIECE = 20
 OVERSTEER = vehicles["oversteer"]
 CAR = car_on_road(OVERSTEER, 1.2 * OVERSTEER.critical_speed, 1.0, FRONT, REAR)
 
@@ -76,14 +77,14 @@ def in_numba(tire, geometry, start):
     return path
 
 
-def in_arrays(xp, convert, tire, geometry, start, steps=STEPS):
-    """All cars at once; `convert` makes the backend's array of a numpy array."""
+def in_arrays(xp, convert, tire, geometry, start, orders):
+    """All cars at once, by orders (steps, 2, cars); `convert` makes the backend's array of a numpy array."""
     advance = law_of(xp, tire, geometry)
     state, path = CarState(*(convert(column.copy()) for column in start.T)), []
     car = CarParameters(*(convert(np.full(len(start), value)) for value in CAR))
     path.append(np.array([np.asarray(values) for values in state]))
-    for command in commands(steps):
-        both = tuple(convert(np.full(len(start), value)) for value in command)
+    for order in orders:
+        both = tuple(convert(angles.copy()) for angles in order)
         for _ in range(SUBSTEPS):
             state = advance(state, both, both, both, car, TIMESTEP)
         path.append(np.array([np.asarray(values) for values in state]))
@@ -91,15 +92,23 @@ def in_arrays(xp, convert, tire, geometry, start, steps=STEPS):
     return np.array(path).transpose(2, 0, 1)
 
 
-def in_numpy(tire, geometry, start):
-    return in_arrays(NUMPY, np.asarray, tire, geometry, start)
+def in_pieces(xp, convert, tire, geometry, reference):
+    """The reference's paths (cars, STEPS + 1, fields), PIECE steps from each PIECE-th state: all pieces at once."""
+    cars, pieces = len(reference), STEPS // PIECE
+    start = reference[:, :-1:PIECE].reshape(-1, FIELDS)
+    orders = np.tile(commands().reshape(pieces, PIECE, 2).transpose(1, 2, 0), cars)
+    paths = in_arrays(xp, convert, tire, geometry, start, orders)
+    assert paths.dtype == np.float64
+    return np.concatenate([reference[:, :1], paths[:, 1:].reshape(cars, STEPS, FIELDS)], axis=1)
+
+
+def in_numpy(tire, geometry, reference):
+    return in_pieces(NUMPY, np.asarray, tire, geometry, reference)
 
 
 @torch.inference_mode()
-def in_torch(tire, geometry, start):
-    paths = in_arrays(TORCH, torch.from_numpy, tire, geometry, start)
-    assert paths.dtype == np.float64
-    return paths
+def in_torch(tire, geometry, reference):
+    return in_pieces(TORCH, torch.from_numpy, tire, geometry, reference)
 
 
 def distance(path, reference):
@@ -127,16 +136,18 @@ def test_all_backends_drive_the_same_path(name, geometry):
     reference = np.array([in_python(tire, geometry, row) for row in start])
     assert np.all(np.isfinite(reference))
     assert distance(np.array([in_numba(tire, geometry, row) for row in start]), reference) <= 1e-12
-    assert distance(in_numpy(tire, geometry, start), reference) <= 1e-12
-    assert distance(in_torch(tire, geometry, start), reference) <= 1e-12
+    assert distance(in_numpy(tire, geometry, reference), reference) <= 1e-12
+    assert distance(in_torch(tire, geometry, reference), reference) <= 1e-12
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 def test_float32_tensors_stay_float32_and_follow(geometry):
-    start, steps = starts(), 25
-    paths = in_arrays(TORCH, lambda x: torch.from_numpy(x).float(), tires.Fiala(), geometry, start, steps)
+    start = starts()
+    orders = np.repeat(commands(15)[:, :, None], len(start), axis=2)
+    with torch.inference_mode():
+        paths = in_arrays(TORCH, lambda x: torch.from_numpy(x).float(), tires.Fiala(), geometry, start, orders)
     assert paths.dtype == np.float32
-    reference = in_arrays(NUMPY, np.asarray, tires.Fiala(), geometry, start, steps)
+    reference = in_arrays(NUMPY, np.asarray, tires.Fiala(), geometry, start, orders)
     assert 1e-9 < distance(paths, reference) <= 1e-4
 
 
@@ -204,12 +215,11 @@ def test_a_fifth_law_drives_simulate(arctangent):
 
 
 def test_a_fifth_law_drives_every_backend(arctangent):
-    start, steps = starts(2), 40
+    start = starts(2)
     whole = np.array([in_python(arctangent, "exact", row) for row in start])
     assert distance(np.array([in_numba(arctangent, "exact", row) for row in start]), whole) <= 1e-12
-    beginning = whole[:, : steps + 1]
-    for xp, convert in ((NUMPY, np.asarray), (TORCH, torch.from_numpy)):
-        assert distance(in_arrays(xp, convert, arctangent, "exact", start, steps), beginning) <= 1e-12
+    for in_backend in (in_numpy, in_torch):
+        assert distance(in_backend(arctangent, "exact", whole), whole) <= 1e-12
 
 
 def test_a_fifth_law_drives_the_environment(arctangent):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from bicycle_env import analysis, plots
+from bicycle_env import analysis, plots, vehicles
+from bicycle_env.plots.steady_turns import draw_handling
 
 CARS = {"oversteer": 43.0, "understeer": 30.0}
 DEGREES = 180.0 / math.pi
@@ -56,9 +59,8 @@ def test_the_edge_is_that_of_the_set(drawn):
 
 def test_a_set_with_a_lane_or_a_gain_of_another_shape_is_refused(drawn):
     portrait, found, _ = drawn
-    lane = analysis.recoverable_set("understeer", 30.0, grid=(31, 31), lane=1.0, lane_grid=(29, 27, 7, 7))
     with pytest.raises(ValueError, match="a set without a lane; this one has lane=1 m"):
-        plots.phase_plane(portrait, lane)
+        plots.phase_plane(portrait, dataclasses.replace(found, lane=1.0))
     with pytest.raises(ValueError, match=r"gain must have shape \(2, 2\)"):
         plots.phase_plane(portrait, found, np.zeros((1, 2)))
 
@@ -91,7 +93,8 @@ def test_a_tire_without_limit_and_one_that_falls_beyond_its_peak():
     (handling, _, _) = plots.steady_turns("understeer", 30.0, "linear").axes
     (curve,) = lines(handling, "steer angle beyond wheelbase / radius")
     assert np.max(curve.get_ydata()) == pytest.approx(10.0, abs=0.5)
-    (handling, _, _) = plots.steady_turns("understeer", 30.0, "magic_formula", 0.5).axes
+    handling, car = Figure().subplots(), vehicles["understeer"]
+    draw_handling(handling, analysis.handling_diagram(car, "magic_formula", 0.5), car, 30.0)
     assert len(lines(handling, "an axle beyond its peak")) == 1
     low, high = handling.get_xlim()
     assert -25.0 < low < 0.0 < high < 25.0
