@@ -50,7 +50,11 @@ def test_the_combinations_hold_every_pair_of_values():
 # The single environment
 
 
-@pytest.mark.parametrize(("combination", "variants"), TWO_OF_THEM)
+@pytest.mark.parametrize(
+    ("combination", "variants"),
+    TWO_OF_THEM,
+    ids=lambda rows: "-".join(map(str, rows if isinstance(rows, Combination) else [mode for *_, mode in rows])),
+)
 def test_each_row_is_the_single_environment(combination, variants):
     ends = set()
     for steer, telemetry, mode in variants:
