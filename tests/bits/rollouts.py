@@ -9,6 +9,7 @@ or as the first rows of a vector environment in blocks of 4, 8 or 64. All must g
 """
 
 import argparse
+import gc
 import hashlib
 import json
 import sys
@@ -193,6 +194,7 @@ def main():
     parser.add_argument("--forms", nargs="*", default=("single", *map(str, BLOCKS)), help="single, 4, 8, 64")
     parser.add_argument("--write", action="store_true", help=f"write {FILE.name}")
     options = parser.parse_args()
+    gc.disable()  # the compiler makes much, and most of it is kept
     found = {}
     for number in options.only:
         rollout = ROLLOUTS[number]

@@ -6,7 +6,7 @@ import pytest
 import torch
 from combinations import only_all
 from gymnasium.vector import AutoresetMode
-from vector_cases import COMBINATIONS, IDS, MODES, STAB, actions_for, drive, make_many, record
+from vector_cases import COMBINATIONS, IDS, MODES, STAB, actions_for, compiled, drive, everything, make_many, record
 
 from bicycle_env.envs import TorchVectorEnv
 from bicycle_env.tasks.ends import INVALID_ACTION
@@ -16,7 +16,7 @@ BIG = 1100
 
 
 def make(env_id=STAB, num_envs=6, **keywords):
-    return gym.make_vec(env_id, num_envs=num_envs, max_episode_steps=40, **keywords)
+    return gym.make_vec(env_id, num_envs=num_envs, max_episode_steps=40, **compiled(env_id, num_envs), **keywords)
 
 
 def twins(env_id=STAB, steps=10, **keywords):
@@ -27,12 +27,6 @@ def twins(env_id=STAB, steps=10, **keywords):
         env.reset(seed=14)
         drive(env, actions[:steps])
     return (*pair, actions[steps:])
-
-
-def everything(env):
-    """All that the future depends on."""
-    snapshot = env.snapshot()
-    return record([snapshot.rows]), repr(snapshot.generators)
 
 
 # Types

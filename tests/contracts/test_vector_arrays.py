@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
-from vector_cases import COMBINATIONS, IDS, MODES, STAB, actions_for, drive, make_many, record
+from vector_cases import COMBINATIONS, IDS, MODES, STAB, actions_for, compiled, drive, make_many, record
 
 from bicycle_env.envs.many.blocks import ROW_COST, Kind
 from bicycle_env.envs.many.rows import Rows
@@ -18,7 +18,7 @@ BYTES_PER_ROW = {False: 248, True: 624}
 
 
 def make(env_id=STAB, num_envs=6, **keywords):
-    return gym.make_vec(env_id, num_envs=num_envs, max_episode_steps=40, **keywords)
+    return gym.make_vec(env_id, num_envs=num_envs, max_episode_steps=40, **compiled(env_id, num_envs), **keywords)
 
 
 def arrays_in(item):
@@ -43,7 +43,7 @@ def internals(env):
 @pytest.mark.parametrize("steer", ["front", "both"])
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_spaces_are_the_single_environments_many_times(env_id, steer):
-    env, alone = make(env_id, steer=steer), gym.make(env_id, steer=steer)
+    env, alone = make(env_id, steer=steer), gym.make(env_id, steer=steer, **compiled(env_id))
     assert env.single_observation_space == alone.observation_space
     assert env.single_action_space == alone.action_space
     assert env.action_space == spaces.Box(-1.0, 1.0, (6, 2 if steer == "both" else 1), np.float32)

@@ -14,6 +14,7 @@ from vector_cases import (
     STAB,
     Alone,
     actions_for,
+    compiled,
     drive,
     record,
     row_of,
@@ -28,7 +29,7 @@ SPINNING = {"state": {"heading": 1.15 * TURNED, "yaw_rate": 1.9 * TURNED}}
 
 
 def make(env_id=STAB, num_envs=NUMBER, **keywords):
-    return gym.make_vec(env_id, num_envs=num_envs, **keywords)
+    return gym.make_vec(env_id, num_envs=num_envs, **{**compiled(env_id, num_envs), **keywords})
 
 
 def still(env):
@@ -65,7 +66,7 @@ def test_the_mode_is_a_word_or_the_enum(env_id, mode):
 def test_it_answers_as_sync_vector_env_does(env_id, mode):
     """Also what belongs to no row: which keys there are, and what stands where a row has nothing to say."""
     env = make(env_id, autoreset_mode=mode, max_episode_steps=40)
-    sync = gym.make_vec(env_id, NUMBER, "sync", {"autoreset_mode": mode}, max_episode_steps=40)
+    sync = gym.make_vec(env_id, NUMBER, "sync", {"autoreset_mode": mode}, max_episode_steps=40, **compiled(env_id))
     assert env.single_observation_space == sync.single_observation_space
     assert (env.observation_space, env.action_space) == (sync.observation_space, sync.action_space)
     results, expected = env.reset(seed=5), sync.reset(seed=5)
@@ -123,7 +124,9 @@ def test_same_step_tells_a_success(env_id):
     assert truncated.all()
     assert not terminated.any()
     assert info["final_info"]["is_success"].tolist() == [True, False, True, True, True, True]
-    assert np.array_equal(info["final_obs"][:, 0], (state["lateral_position"] / env.observation_scale[0]).astype("f4"))
+    assert np.array_equal(
+        info["final_obs"][:, 0], (state["lateral_position"] / env.observation_scale[..., 0]).astype("f4")
+    )
     assert not env.is_success.any()
     assert not info["is_success"].any()
 
@@ -301,9 +304,13 @@ def test_staggered_starts_are_nothing_without_a_limit_and_change_no_start():
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_spec_makes_the_environment_again(env_id):
-    env = gym.make_vec(f"bicycle_env:{env_id}", NUMBER, tire="fiala", friction=0.9, autoreset_mode="SameStep")
+    given = {"tire": "fiala", "friction": 0.9, "autoreset_mode": "SameStep"}
+    if env_id == LANE_CHANGE:
+        given |= {**compiled(env_id), "friction": [0.9] * NUMBER}
+    env = gym.make_vec(f"bicycle_env:{env_id}", NUMBER, **given)
     again = gym.make_vec(env.spec)
-    assert (again.num_envs, again.friction, again.autoreset_mode) == (NUMBER, 0.9, AutoresetMode.SAME_STEP)
+    assert (again.num_envs, again.tire, again.autoreset_mode) == (NUMBER, env.tire, AutoresetMode.SAME_STEP)
+    assert np.all(again.friction == np.array(given["friction"]))
     assert again.reset(seed=0)[0].tobytes() == env.reset(seed=0)[0].tobytes()
 
 

@@ -14,14 +14,15 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from combinations import only_all
-from vector_cases import COMBINATIONS, IDS, MODES, STAB, actions_for, drive, make_many, record
+from vector_cases import COMBINATIONS, IDS, LANE_CHANGE, MODES, STAB, actions_for, compiled, drive, make_many, record
 
 BIG = 1100
 """Rows enough for two threads."""
 
 
 def make(env_id=STAB, num_envs=6, **keywords):
-    return gym.make_vec(env_id, **{"num_envs": num_envs, "max_episode_steps": 40, **keywords})
+    given = {"num_envs": num_envs, "max_episode_steps": 40, **compiled(env_id, num_envs), **keywords}
+    return gym.make_vec(env_id, **given)
 
 
 def driven(env, steps=25, seed=3):
@@ -147,7 +148,7 @@ def test_a_snapshot_tells_who_has_ended():
 @pytest.mark.parametrize(
     ("other", "keywords"),
     [
-        ("another task", {"id": "BicycleLaneChange-v0", "num_envs": 6}),
+        ("another task", {"id": LANE_CHANGE, "num_envs": 6, **compiled(LANE_CHANGE, 6)}),
         ("another number", {"id": STAB, "num_envs": 7}),
         only_all("another precision", {"id": STAB, "num_envs": 6, "dtype": "float32"}),
     ],

@@ -21,6 +21,13 @@ pytestmark = pytest.mark.skipif(
 )
 FUSED = "llvm.fma"
 ARITHMETIC = ("fadd", "fsub", "fmul", "fdiv", FUSED)
+FLAGS = r"(?:(?:fast|nnan|ninf|nsz|arcp|contract|afn|reassoc) )*"
+NUMBERS = r"(<\d+ x \w+>|\w+)"
+BLOCK = re.compile(r'("[^"]+"|[\w.$-]+):')
+WAY = re.compile(r'label %("[^"]+"|[\w.$-]+)')
+OPERATION = re.compile(
+    rf"= (?:(fadd|fsub|fmul|fdiv) {FLAGS}{NUMBERS} |(?:tail )?call {FLAGS}{NUMBERS} @{re.escape(FUSED)}\.)"
+)
 
 
 def optimised(compiled):
@@ -29,30 +36,33 @@ def optimised(compiled):
     return llvm.parse_bitcode(overload.library._get_module_for_linking().as_bitcode())
 
 
-def operation(instruction):
-    """The opcode, or the multiply-add that is called."""
-    return FUSED if instruction.opcode == "call" and f"@{FUSED}." in str(instruction) else instruction.opcode
-
-
 def in_loops(module):
     """Arithmetic in blocks of code that can run again: Counter of (instruction, type)."""
     found = Counter()
     for function in module.functions:
-        blocks = {block.name: list(block.instructions) for block in function.blocks}
-        after = {
-            name: {label.strip('"') for label in re.findall(r'label %("[^"]+"|[\w.$-]+)', str(code[-1]))}
-            for name, code in blocks.items()
-        }
-        for name, code in blocks.items():
-            reached, waiting = set(), list(after[name])
-            while waiting:
-                block = waiting.pop()
-                if block not in reached:
-                    reached.add(block)
-                    waiting += after[block]
-            if name in reached:
-                found.update((operation(one), str(one.type)) for one in code if operation(one) in ARITHMETIC)
+        name, after, arithmetic = "", {"": set()}, {"": []}  # the first block may have no name
+        for line in str(function).splitlines():  # printed as a whole: one by one takes the square of their number
+            if begins := BLOCK.match(line):
+                name = begins[1]
+                after[name], arithmetic[name] = set(), []
+            after[name].update(WAY.findall(line))
+            if done := OPERATION.search(line):
+                arithmetic[name].append((done[1] or FUSED, done[2] or done[3]))
+        for name, operations in arithmetic.items():
+            if operations and name in reached_from(after, name):
+                found.update(operations)
     return found
+
+
+def reached_from(after, name):
+    """The blocks that may run after one."""
+    reached, waiting = set(), [*after[name]]
+    while waiting:
+        block = waiting.pop()
+        if block not in reached:
+            reached.add(block)
+            waiting += after[block]
+    return reached
 
 
 def in_loops_of_starts(kernels):

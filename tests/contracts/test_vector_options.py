@@ -8,7 +8,7 @@ import pytest
 import torch
 from combinations import only_all
 from test_reset_options import BAD_LANE_CHANGE, BAD_OPTIONS
-from vector_cases import IDS, LANE_CHANGE, STAB, actions_for, drive, record
+from vector_cases import FEW, IDS, LANE_CHANGE, MANY, STAB, actions_for, compiled, drive, everything, record
 
 from bicycle_env import Actuator
 
@@ -16,7 +16,7 @@ NUMBER = 6
 
 
 def make(env_id=STAB, **keywords):
-    return gym.make_vec(env_id, **{"num_envs": NUMBER, "max_episode_steps": 40, **keywords})
+    return gym.make_vec(env_id, **{"num_envs": NUMBER, "max_episode_steps": 40, **compiled(env_id, NUMBER), **keywords})
 
 
 def twins(env_id=STAB, **keywords):
@@ -29,7 +29,8 @@ def twins(env_id=STAB, **keywords):
 
 def assert_still_twins(env, twin):
     assert record(env.state) == record(twin.state)
-    actions = actions_for(env, 45)
+    assert everything(env) == everything(twin)
+    actions = actions_for(env, 3)
     assert drive(env, actions) == drive(twin, actions)
     assert record(env.reset()) == record(twin.reset())
 
@@ -142,7 +143,7 @@ def test_a_state_of_numbers_and_arrays_is_the_single_environments(env_id):
     sides = {"direction": "right", "change_start": 0.4} if env_id == LANE_CHANGE else {}
     observation, info = env.reset(seed=6, options={"state": given, **sides})
     for row in range(NUMBER):
-        alone = gym.make(env_id).unwrapped
+        alone = gym.make(env_id, **compiled(env_id)).unwrapped
         mine = {name: np.broadcast_to(value, NUMBER)[row] for name, value in given.items()}
         expected, expected_info = alone.reset(seed=6 + row, options={"state": mine, **sides})
         assert observation[row].tobytes() == expected.tobytes()
@@ -159,7 +160,7 @@ def test_a_start_takes_the_same_random_numbers_with_options_or_without():
 
 def test_the_change_of_lane_begins_at_each_cars_own_place():
     """change_start is a time: the place depends on the speed."""
-    env = make(LANE_CHANGE, tire="tanh", speed=[20.0, 30.0, 40.0, 20.0, 30.0, 40.0])
+    env = make(LANE_CHANGE, speed=[20.0, 30.0, 40.0, 20.0, 30.0, 40.0])
     env.reset(options={"change_start": 0.5})
     assert env.state.change_start.tolist() == [10.0, 15.0, 20.0] * 2
 
@@ -168,16 +169,20 @@ SIDES = ["left", "right", "right", "left", "right", "left"]
 BEGINS = [0.0, 0.5, 1.0, 1.5, 2.0, 100.0]
 
 
-@pytest.mark.parametrize("speeds", [{}, {"speed": np.linspace(30.0, 40.0, NUMBER)}], ids=["alike", "different"])
+@pytest.mark.parametrize("different", [False, True], ids=["alike", "different"])
 @pytest.mark.parametrize("kind", [list, tuple, np.array])
-def test_each_car_changes_to_its_own_side_at_its_own_time(kind, speeds):
-    compiled = {"tire": "tanh"} if speeds else {}  # for tests/bits already
-    env = make(LANE_CHANGE, **speeds, **compiled)
-    observation, _ = env.reset(seed=4, options={"direction": kind(SIDES), "change_start": kind(BEGINS)})
-    for row, (side, begin) in enumerate(zip(SIDES, BEGINS, strict=True)):
+def test_each_car_changes_to_its_own_side_at_its_own_time(kind, different):
+    # Two kinds that are compiled for each row's comparison with its single environment, too.
+    law = {"tire": "tanh"} if different else {"tire": "magic_formula", "geometry": "small_angle"}
+    number = FEW if different else MANY
+    speeds = {"speed": np.linspace(30.0, 40.0, number)} if different else {}
+    sides, begins = np.resize(SIDES, number).tolist(), np.resize(BEGINS, number).tolist()
+    env = gym.make_vec(LANE_CHANGE, number, **speeds, **law)
+    observation, _ = env.reset(seed=4, options={"direction": kind(sides), "change_start": kind(begins)})
+    for row in (*range(len(SIDES)), number - 1):
         mine = {name: values[row] for name, values in speeds.items()}
-        alone = gym.make(LANE_CHANGE, **mine, **compiled).unwrapped
-        expected, _ = alone.reset(seed=4 + row, options={"direction": side, "change_start": begin})
+        alone = gym.make(LANE_CHANGE, **mine, **law).unwrapped
+        expected, _ = alone.reset(seed=4 + row, options={"direction": sides[row], "change_start": begins[row]})
         assert observation[row].tobytes() == expected.tobytes()
         assert tuple(values[row] for values in env.state) == alone.state
 
@@ -269,7 +274,7 @@ def test_the_limits_of_the_steer_angles_are_those_of_the_actuators():
 @pytest.mark.parametrize("env_id", IDS)
 def test_a_bad_keyword_is_named(env_id, keywords, error, match):
     with pytest.raises(error, match=match):
-        make(env_id, **keywords)
+        gym.make_vec(env_id, **{"num_envs": NUMBER, **keywords})
 
 
 def test_a_keyword_of_the_other_task_is_refused():

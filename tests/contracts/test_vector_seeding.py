@@ -10,7 +10,7 @@ import gymnasium as gym
 import numba
 import numpy as np
 import pytest
-from vector_cases import IDS, STAB, actions_for, drive
+from vector_cases import IDS, STAB, actions_for, compiled, drive
 
 from bicycle_env.backends.compiled_random import addresses, next_double
 
@@ -42,12 +42,16 @@ def test_a_draw_is_the_generators_next_number(bits):
 
 
 def make(env_id=STAB, num_envs=5, **keywords):
-    return gym.make_vec(env_id, num_envs=num_envs, max_episode_steps=30, **keywords)
+    return gym.make_vec(env_id, num_envs=num_envs, max_episode_steps=30, **compiled(env_id, num_envs), **keywords)
+
+
+def one_by_one(env_id, **keywords):
+    return gym.make_vec(env_id, 5, "sync", **compiled(env_id), **keywords)
 
 
 def starts(env_id, seeds):
     """(rows, entries): what single environments begin with."""
-    return np.array([gym.make(env_id).reset(seed=seed)[0] for seed in seeds])
+    return np.array([gym.make(env_id, **compiled(env_id)).reset(seed=seed)[0] for seed in seeds])
 
 
 @pytest.mark.parametrize("env_id", IDS)
@@ -75,7 +79,7 @@ def test_seeds_are_the_single_environments(env_id, seed, seeds):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_a_row_without_a_seed_goes_on_with_its_generator(env_id):
-    env, sync = make(env_id), gym.make_vec(env_id, 5, "sync", max_episode_steps=30)
+    env, sync = make(env_id), one_by_one(env_id, max_episode_steps=30)
     for each in (env, sync):
         each.reset(seed=11)
     for seed in (None, [5, None, None, 6, None], None, [None] * 5, 3, None):
@@ -88,7 +92,7 @@ def test_a_row_without_a_seed_goes_on_with_its_generator(env_id):
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_generators_and_seeds_are_told_as_gymnasium_tells_them(env_id):
-    env, sync = make(env_id), gym.make_vec(env_id, 5, "sync")
+    env, sync = make(env_id), one_by_one(env_id)
     for seed in (8, 2**70, [5, None, None, 6, None], None):
         for each in (env, sync):
             each.reset(seed=seed)
