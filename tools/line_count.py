@@ -230,6 +230,9 @@ def _text(node: ast.stmt) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
+parsed = functools.cache(ast.parse)
+
+
 def definitions(text: str) -> Iterator[tuple[str, set[int]]]:
     """(qualified name, lines) of all that a source defines, at any depth."""
     lines = text.splitlines()
@@ -254,7 +257,7 @@ def definitions(text: str) -> Iterator[tuple[str, set[int]]]:
             for part in ("body", "orelse", "finalbody"):
                 yield from inside(getattr(node, part, []), deeper)
 
-    return inside(ast.parse(text).body, "")
+    return inside(parsed(text).body, "")
 
 
 def lines_of(text: str, names: str) -> set[int]:
@@ -284,14 +287,14 @@ def page(path: str, text: str) -> set[int]:
     """The lines of what users read of an environment: the docstrings of the classes, and what makes tables of them."""
     if path == ARGUMENTS:
         return lines_of(text, "*")
-    classes = [node for node in ast.parse(text).body if isinstance(node, ast.ClassDef) and node.name.endswith("Env")]
+    classes = [node for node in parsed(text).body if isinstance(node, ast.ClassDef) and node.name.endswith("Env")]
     strings = [one.body[0] for one in classes if path.startswith("envs/") and _text(one.body[0])]
     return {line for one in strings for line in range(one.lineno, (one.end_lineno or one.lineno) + 1)}
 
 
 def imports(text: str, own: set[int]) -> set[int]:
     """The lines of the imports that only these lines use."""
-    tree = ast.parse(text)
+    tree = parsed(text)
     places: dict[str, set[int]] = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.Name):
@@ -306,10 +309,11 @@ def imports(text: str, own: set[int]) -> set[int]:
     return found
 
 
+@functools.cache
 def code(text: str) -> set[int]:
     """The lines that are neither blank, nor comments, strings that explain, nor imports."""
     found = {k for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.strip().startswith("#")}
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(parsed(text)):
         if isinstance(node, (ast.Import, ast.ImportFrom)) or (isinstance(node, ast.stmt) and _text(node)):
             found -= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     return found

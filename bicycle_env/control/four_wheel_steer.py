@@ -25,7 +25,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.interpolate
 from numpy.typing import NDArray
 
 from bicycle_env.analysis import linear_laws
@@ -206,7 +205,9 @@ class Sano(RearLaw):
     def __init__(self, plant: Plant) -> None:
         super().__init__(plant)
         front, rear = np.radians(self.points).T
-        whole = scipy.interpolate.PchipInterpolator(np.append(-front[:0:-1], front), np.append(-rear[:0:-1], rear))
+        from scipy.interpolate import PchipInterpolator  # takes long to import
+
+        whole = PchipInterpolator(np.append(-front[:0:-1], front), np.append(-rear[:0:-1], rear))
         self.ratio = float(whole(0.0, 1))
         pieces = range(len(front) - 1, len(whole.x) - 1)
         self.pieces = tuple((float(whole.x[k]), *whole.c[::-1, k].tolist()) for k in pieces)

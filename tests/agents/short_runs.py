@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ def start(algo, folder, resume=False, stop_at=None, number=signal.SIGTERM, conso
     """Train; a signal arrives in the middle of the rollout in which `stop_at` is reached."""
     args = replace(train.Args(algo=algo, seed=3, out=folder, quiet=True, config=CONFIG, resume=resume), **changes)
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)  # dozens of them take long on a busy disk
         if stop_at is not None:
             on_step, sent = train.Record._on_step, []
 

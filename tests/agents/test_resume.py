@@ -125,9 +125,8 @@ def test_another_seed_gives_other_bits(straight, tmp_path):
 
 def test_a_longer_run_is_exact_only_without_a_decaying_rate(tmp_path):
     said = io.StringIO()
-    for algo, exact in (("ppo", False), ("sac", True)):
-        folder = start(algo, tmp_path / algo)
-        total = 2 * json.loads((folder / "run.json").read_text())["total_timesteps"]
+    for algo, exact, half in (("ppo", False, 512), ("sac", True, 240)):
+        folder, total = start(algo, tmp_path / algo, total_timesteps=half), 2 * half
         start(algo, folder, resume=True, total_timesteps=total, console=Console(file=said))
         whole = start(algo, tmp_path / f"{algo}-straight", total_timesteps=total)
         (entry,) = resumes(folder)
@@ -146,7 +145,8 @@ def test_an_environment_without_snapshot(tmp_path, monkeypatch):
     with pytest.raises(stopping.Stopped):
         start("ppo", tmp_path / "run", stop_at=500)
     said = io.StringIO()
-    start("ppo", tmp_path / "run", resume=True, console=Console(file=said))
+    with pytest.raises(stopping.Stopped):
+        start("ppo", tmp_path / "run", resume=True, stop_at=0, console=Console(file=said))
     assert resumes(tmp_path / "run")[0] == {"at": 512, "exact": False, "reason": sb3_state.NO_SNAPSHOT}
     assert sb3_state.NO_SNAPSHOT in said.getvalue()
 
@@ -165,8 +165,9 @@ def test_other_versions_and_machines_are_said(tmp_path, monkeypatch, key, value,
     with monkeypatch.context() as patch:
         patch.setattr(provenance, "collect", lambda: {**made_by, key: merged})
         with pytest.raises(stopping.Stopped):
-            start("ppo", tmp_path / "run", stop_at=500)
-    start("ppo", tmp_path / "run", resume=True)
+            start("ppo", tmp_path / "run", stop_at=0)
+    with pytest.raises(stopping.Stopped):
+        start("ppo", tmp_path / "run", resume=True, stop_at=0)
     (entry,) = resumes(tmp_path / "run")
     assert entry["exact"] is False
     assert words in entry["reason"]
@@ -192,7 +193,8 @@ def test_a_checkpoint_of_an_earlier_revision_goes_on_with_a_remark(tmp_path, alg
             learn(model, *arguments, **keywords)
 
         patch.setattr(train, "_learn", look)
-        start(algo, folder, resume=True)
+        with pytest.raises(stopping.Stopped):
+            start(algo, folder, resume=True, stop_at=0)
     assert all(torch.equal(loaded[0][name], weights[name]) for name in weights)
     (entry,) = resumes(folder)
     assert entry["exact"] is False
@@ -232,7 +234,8 @@ def test_a_second_training_in_the_folder_is_refused(tmp_path, resume):
         with pytest.raises(UserError, match="another training is at work") as caught:
             start("ppo", tmp_path / "run", resume=resume)
         assert "\n" not in str(caught.value)
-    start("ppo", tmp_path / "run", resume=resume)
+    with pytest.raises(stopping.Stopped):  # now it begins
+        start("ppo", tmp_path / "run", resume=resume, stop_at=0)
 
 
 def test_files_have_the_modes_that_the_umask_leaves(tmp_path):

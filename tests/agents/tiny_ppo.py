@@ -13,8 +13,8 @@ from agents import ppo, training
 from bicycle_env import provenance
 
 TINY = ppo.Args(
-    seed=3, quiet=True, total_timesteps=5120, cars=16, decisions=8, hold=2, history=2, epochs=2, minibatch=64, width=8
-)  # 20 updates of 256 control steps, each with a point of the curve
+    seed=3, quiet=True, total_timesteps=3072, cars=16, decisions=8, hold=2, history=2, epochs=2, minibatch=64, width=8
+)  # 12 updates of 256 control steps, each with a point of the curve
 UPDATE = 256
 MADE_BY = provenance.collect()  # once: somebody may commit while tests run
 

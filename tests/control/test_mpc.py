@@ -89,7 +89,7 @@ def test_the_namespace_agrees_with_the_packages_own_functions():
 def test_fast_wheels_are_integrated_in_short_steps():
     quick = Actuator(0.1, math.inf, 0.005)
     car = plant(front_actuator=quick, rear_actuator=quick, physics_timestep=0.002)
-    policy = MPC(car)
+    policy = MPC(car, horizon=20)
     np.testing.assert_allclose(policy.gain, LQR(car).gain, rtol=5e-3, atol=1e-4)
     observation, _ = car.reset(options={"state": {"lateral_velocity": 4.0, "yaw_rate": 0.2, "heading": -0.1}})
     for _ in range(20):
@@ -122,7 +122,7 @@ def test_on_the_linear_car_it_is_lqr(env_id, steer, horizon):
 def test_near_straight_running_every_car_is_linear(steer):
     """The Fiala tire, exact geometry: the smaller the deviation, the nearer to LQR."""
     car = plant(steer=steer)
-    policy, regulator = MPC(car), LQR(car)
+    policy, regulator = MPC(car, horizon=20), LQR(car)
     observation = np.array([0.1, -0.05, 0.1, 0.05, 0.0, 0.0, 0.0, 0.0], np.float32)
     errors = []
     for size in (1.0, 0.1):
@@ -140,7 +140,7 @@ def test_at_rest_on_the_path_it_knows_its_tires(steer):
     observation, _ = car.reset(options={"state": {}, "direction": "left", "change_start": 0.3})
     expected = LQR(car).act(observation)
     assert np.max(np.abs(expected)) > 1e-4
-    np.testing.assert_allclose(MPC(car).act(observation), expected, atol=0.02 * np.max(np.abs(expected)))
+    np.testing.assert_allclose(MPC(car, horizon=20).act(observation), expected, atol=0.02 * np.max(np.abs(expected)))
 
 
 def test_it_stays_lqr_for_a_whole_episode():
@@ -293,7 +293,7 @@ def test_rows_are_cars_of_their_own():
 
 def test_where_the_solver_fails_the_moved_plan_is_driven():
     car = plant()
-    policy = MPC(car)
+    policy = MPC(car, horizon=20)
     observation, _ = car.reset(options={"state": {"lateral_velocity": 4.0, "yaw_rate": 0.2, "heading": -0.1}})
     policy.act(observation)
     _, planned = policy.planned()

@@ -14,7 +14,8 @@ from agents.episodes import start_seeds
 from bicycle_env import control
 from bicycle_env.control import lqr, tuned_weights
 from bicycle_env.optimum import Space, budget, tune
-from bicycle_env.optimum.tuning import NEAR, SCORES
+from bicycle_env.optimum import tuning as tuning_of_the_package
+from bicycle_env.optimum.tuning import NEAR, SCORES, Budget
 
 TUNE, SELECT = start_seeds(24, 0, "tune"), start_seeds(100, 0, "select")
 SCORE = 1.0, 1.0 / 400
@@ -94,7 +95,9 @@ def test_parameters_that_give_no_controller_are_an_error(monkeypatch):
         ("BicycleEvade-v0", {}, "evade-path"),
     ],
 )
-def test_every_kind_of_controller_is_tuned_alike(env_id, keywords, controller):
+def test_every_kind_of_controller_is_tuned_alike(env_id, keywords, controller, monkeypatch):
+    for name in ("LAW", "DESIGN"):
+        monkeypatch.setattr(tuning_of_the_package, name, Budget(10, 2))
     found, again = (
         tune(env_id, keywords, controller, TUNE[:4], SELECT[:8], restarts=2, iterations=2, seed=0) for _ in range(2)
     )

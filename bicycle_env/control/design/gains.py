@@ -8,9 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy.integrate
 import scipy.linalg
-import scipy.signal
 from numpy.typing import NDArray
 
 Matrix = NDArray[np.float64]
@@ -18,7 +16,9 @@ Matrix = NDArray[np.float64]
 
 def zero_order_hold(A: Matrix, B: Matrix, timestep: float) -> tuple[Matrix, Matrix]:
     """(A, B) of the exact discrete map of x' = A x + B u with u held for a timestep [s]: the matrix exponential."""
-    discrete = scipy.signal.cont2discrete((A, B, np.eye(len(A)), np.zeros_like(B)), timestep, method="zoh")
+    from scipy.signal import cont2discrete  # takes as long to import as the rest of the controllers
+
+    discrete = cont2discrete((A, B, np.eye(len(A)), np.zeros_like(B)), timestep, method="zoh")
     return discrete[0], discrete[1]
 
 
@@ -103,6 +103,8 @@ def continuous_preview_gain(
     Returns:
         K (inputs, states) and G (inputs, points).
     """
+    from scipy.integrate import simpson
+
     K, _ = continuous_gain(A, B, Q, R)
     closed = (A - B @ K).T
     weighed = Q @ reference
@@ -113,7 +115,7 @@ def continuous_preview_gain(
         last, ahead = ahead, one_step @ ahead
     whole = -np.linalg.solve(closed, last @ weighed[-1])  # from the last time to infinity
     if len(moved) > 1:
-        whole = whole + scipy.integrate.simpson(moved, dx=step, axis=0)
+        whole = whole + simpson(moved, dx=step, axis=0)
     G: Any = -np.linalg.solve(R, B.T @ whole)
     return K, G
 
@@ -127,7 +129,9 @@ def pole_placement_gain(A: Matrix, B: Matrix, poles: Any) -> Matrix:
     Raises:
         ValueError: a complex pole without its conjugate, a pole more often than B has inputs, or too few of them.
     """
-    found = scipy.signal.place_poles(A, B, np.asarray(poles))
+    from scipy.signal import place_poles
+
+    found = place_poles(A, B, np.asarray(poles))
     K: Matrix = np.real(found.gain_matrix)
     return K
 

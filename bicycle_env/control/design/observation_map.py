@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.interpolate
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES
@@ -82,7 +81,9 @@ def interpolation(times: Matrix, grid: Matrix, derivative: int = 0) -> Matrix:
             return np.stack([1.0 - share, share], axis=1)
         slope = np.where(grid < times[1], 1.0 / times[1], 0.0) if derivative == 1 else np.zeros(len(grid))
         return np.stack([-slope, slope], axis=1)
-    spline = scipy.interpolate.CubicSpline(times, np.eye(len(times)), bc_type="natural")
+    from scipy.interpolate import CubicSpline  # takes long to import
+
+    spline = CubicSpline(times, np.eye(len(times)), bc_type="natural")
     matrix: Matrix = spline(np.minimum(grid, times[-1]), derivative)
     if derivative > 0:
         matrix[grid >= times[-1]] = 0.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy.interpolate
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import STATE_NAMES
@@ -42,7 +41,9 @@ def path_ahead(plant: Plant, times: NDArray[np.floating[Any]], derivative: int =
     near, slope = np.empty((0, len(drift))), drift
     far = times
     if len(knots) > 1:
-        spline = scipy.interpolate.CubicSpline(knots, distances, bc_type=((1, drift), "not-a-knot"))
+        from scipy.interpolate import CubicSpline  # takes long to import
+
+        spline = CubicSpline(knots, distances, bc_type=((1, drift), "not-a-knot"))
         near, slope, far = spline(times[times <= knots[-1]], derivative), spline(knots[-1], 1), times[times > knots[-1]]
     straight: list[Any] = [distances[-1] + np.outer(far - knots[-1], slope), slope, 0.0]
     beyond = np.broadcast_to(straight[derivative], (len(far), len(drift)))
