@@ -3,6 +3,7 @@
 (pytest puts this file's folder on the path.)
 """
 
+import atexit
 import gc
 import os
 import signal
@@ -14,6 +15,10 @@ import pytest
 
 for library in ("OPENBLAS", "OMP"):  # before numpy and torch are imported; small problems, a process per core
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    atexit.register(os._exit, 0)  # after all that others have registered: to take all its objects apart takes seconds
 
 
 def pytest_configure():
@@ -57,6 +62,14 @@ def pytest_collection_finish():
     """Libraries and tests are a million objects that stay: Python need not look through them for rings all the time."""
     gc.freeze()
     gc.enable()
+
+
+@pytest.fixture
+def interpreted(monkeypatch):
+    """Environments without the compiler, for tests of what a law or a keyword says."""
+    from interpreted import interpret
+
+    interpret(monkeypatch)
 
 
 @pytest.fixture

@@ -118,7 +118,7 @@ def test_a_point_mass_has_the_closed_form(preview_time):
 
 
 @pytest.mark.parametrize("steer", ["front", "both"])
-def test_the_driver_holds_the_best_angle_in_the_environment(steer):
+def test_the_driver_holds_the_best_angle_in_the_environment(steer, interpreted):
     """Of all angles held over the preview, the environment itself finds the driver's to be the best."""
     env = plant(LANE_CHANGE, steer=steer, tire="linear", geometry="small_angle", preview_length=1.4, direction="left")
     driver = Preview(env, preview_time=1.2, delay=0.0)

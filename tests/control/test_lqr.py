@@ -230,7 +230,7 @@ def test_the_policy_does_not_care_where_the_lane_is(env_id, steer):
 @pytest.mark.parametrize(
     "keywords", [{"preview_length": 0.0}, only_all({"preview_length": 0.1}), only_all({"preview_length": 0.5}), {}]
 )
-def test_previews_of_any_length(keywords):
+def test_previews_of_any_length(keywords, interpreted):
     env = gym.make("BicycleLaneChange-v0", **keywords).unwrapped
     policy = LQR(env)
     observation, _ = env.reset(options={"state": {}, "direction": "left", "change_start": 0.02})
