@@ -76,7 +76,7 @@ class Extent(NamedTuple):
 
 
 FULL = Extent(2000, 200, 64, 128, 1000, 5, 16, 32, 192, (61, 61, 33, 25))
-QUICK = Extent(200, 16, 6, 64, 200, 1, 3, 8, 64, (31, 31, 17, 13))
+QUICK = Extent(200, 16, 5, 64, 200, 1, 3, 6, 64, (31, 31, 17, 13))
 
 Tell = Callable[[str, float, float], None]
 """``tell(what, done, total)``."""
@@ -193,7 +193,8 @@ class _Study:
     def tuned(self, label: str, name: str, keywords: Mapping[str, Any]) -> optimum.Tuning:
         found = self.tuning(name, keywords, self.extent.restarts, f"tuning {name}")
         if name in POLISHED:
-            more = self.tuning(name, keywords, POLISHED[name], f"polishing {name}", found.best.parameters)
+            restarts = min(POLISHED[name], self.extent.restarts)
+            more = self.tuning(name, keywords, restarts, f"polishing {name}", found.best.parameters)
             found = found._replace(best=max(found.best, more.best, key=lambda one: one.success_rate))
         cars = Cars(self.setting.env_id, {**self.setting.keywords, **keywords})
         policy = control.make(name, cars.plant, parameters=found.best.parameters)

@@ -243,7 +243,7 @@ def test_a_short_branch_between_two_ends_in_full_sliding_is_found():
     assert set(branch.kind) == {"saddle"}
 
 
-@pytest.mark.parametrize("seed", some_of(range(6), (0, 1)))
+@pytest.mark.parametrize("seed", some_of(range(6), (0,)))
 def test_branches_hold_exactly_the_equilibria(seed):
     """At random steer angles they pass as many turns as the search at that angle finds; all solve the equations."""
     rng = np.random.default_rng(seed)
