@@ -9,7 +9,7 @@ from bicycle_env.physics.validation import check_fields, choice, number, positiv
 from bicycle_env.tasks.altered import AlteredTask
 from bicycle_env.tasks.disturbances import Disturbance
 from bicycle_env.tasks.drivers import Driver
-from bicycle_env.tasks.ends import Limits, Tolerances
+from bicycle_env.tasks.ends import Limits, Tolerances, end_outside
 from bicycle_env.tasks.episode import EpisodeState, Reference, Rules, World
 from bicycle_env.tasks.lane_change import LaneChange
 from bicycle_env.tasks.marks import Mark
@@ -59,6 +59,7 @@ __all__ = [
     "check_preview",
     "choice",
     "chosen_side",
+    "end_outside",
     "fixed_entries",
     "number",
     "observed_car",

@@ -155,7 +155,8 @@ def _check_laws(task: Task, name: str, world: World) -> None:
             if not np.array_equal(left, right):
                 raise ValueError(
                     f"task {name}: its {label} is another one for the mirror image, {right} instead of {left}; give "
-                    "the entry its `mirror`, name what changes sign in `flipped`, or set it to None"
+                    "the entry its `mirror`, name what changes sign in `flipped` (of a disturbance: `flips`), or set "
+                    "`flipped` to None"
                 )
     _, drawn = task.start(PYTHON)((0.5,) * task.uniforms, world)
     try:

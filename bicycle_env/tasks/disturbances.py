@@ -38,12 +38,16 @@ class Disturbance(abc.ABC):
     """Base of the disturbances: what is drawn for an episode, and how it changes the car of a moment."""
 
     name: str
+    """A word: what it draws stands in the state as NAME_AMOUNT."""
     flips: ClassVar[tuple[str, ...]] = ()
-    """Names of :meth:`amounts` that change sign in the mirror image."""
+    """Names of :meth:`amounts` that change sign in the mirror image. What lies at one side of the road has an amount
+    ``{"side": 1.0}`` among them, times which its law takes what is across."""
+    side: str = "left"
+    """Which sign they have: "left" for +, "right" for -, "random" for one that is drawn."""
 
     @abc.abstractmethod
     def amounts(self) -> dict[str, Amount]:
-        """What stands in the state of an episode, by name."""
+        """What stands in the state of an episode, by name: numbers, or pairs between which they are drawn."""
 
     def constants(self) -> dict[str, float]:
         """Its other numbers, by name."""
@@ -258,7 +262,7 @@ class DisturbedTask(AlteredTask):
         """(name in the state, amount, the signs it may have)."""
         found = []
         for one, label in zip(self.disturbances, self._labels, strict=True):
-            side = SIDES[getattr(one, "side", "left")]
+            side = SIDES[one.side]
             for name, amount in one.amounts().items():
                 found.append((f"{label}_{name}", amount, side if name in one.flips else SIDES["left"]))
         return tuple(found)
@@ -360,5 +364,9 @@ def resolve(disturbances: Any) -> tuple[Disturbance, ...]:
         if not isinstance(given, Disturbance):
             raise TypeError(f"{label} must be a Disturbance or a dict with a 'name', got {given!r}")
         check_frozen(label, given)
+        name = getattr(given, "name", None)
+        if not (isinstance(name, str) and name.isidentifier()):
+            raise TypeError(f"{label}: {type(given).__name__} must have a name that is a word, such as name = 'mine'")
+        choice(f"{label}: side", given.side, SIDES)
         found.append(given)
     return tuple(found)

@@ -569,6 +569,35 @@ def test_a_disturbance_and_a_driver_of_ones_own():
 # What a newcomer tripped over
 
 
+@dataclasses.dataclass(frozen=True)
+class Own(Disturbance):
+    """Pushes to the left, and does not say that this has a mirror image."""
+
+    side: object = "left"
+
+    def amounts(self):
+        return {"side": 1.0}
+
+    def law(self, xp):
+        pushed = replaced(xp, CarParameters, ("side_force",))
+        return lambda car, own, fixed, time, state: pushed(car, own.side)
+
+
+@pytest.mark.parametrize(
+    ("name", "side", "match"),
+    [
+        (None, "left", r"^disturbances\[0\]: Own must have a name that is a word"),
+        ("two words", "left", r"^disturbances\[0\]: Own must have a name that is a word"),
+        ("own", 1.0, r"^disturbances\[0\]: side must be one of 'left', 'right', 'random', got 1\.0"),
+        ("own", "left", "task DisturbedTask: its law 'conditions' .*of a disturbance: `flips`"),
+    ],
+)
+def test_a_disturbance_of_ones_own_that_lacks_something_is_told_what(monkeypatch, name, side, match):
+    monkeypatch.setattr(Own, "name", name, raising=False)
+    with pytest.raises((TypeError, ValueError), match=match):
+        make(disturbances=(Own(side),))
+
+
 @in_python
 @pytest.mark.exhaustive
 def test_a_start_that_is_given_is_what_is_observed_at_first():
