@@ -92,11 +92,15 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "critic sees what the policy sees": ("--no-informed-critic",),
     "forfeited episodes go on": ("--no-end-forfeited",),
     "begins as rear-switched": ("--imitate", "rear-switched", "--critic-alone", "10", "--deviation", "0.1"),
+    "on top of rear-switched": ("--residual", "rear-switched", "--critic-alone", "10", "--deviation", "0.1"),
 }
+ABLATED = ("--total-timesteps", "6000000")
+"""A third of the usual steps: what an option is worth is how soon it learns, and seven options times three seeds are long."""
 PLANS = {
     "table": PLAN,
     "ablations": tuple(
-        Cell("BicycleActiveSteer-v0", "medium", "native-ppo", 3, *variant) for variant in VARIANTS.items()
+        Cell("BicycleActiveSteer-v0", "medium", "native-ppo", 3, name, (*ABLATED, *options))
+        for name, options in VARIANTS.items()
     ),
 }
 
@@ -206,7 +210,7 @@ def measured(cell: Cell, folders: list[Path]) -> dict[str, Any]:
     law = control.make(classical["controller"], cars.plant, parameters=classical["parameters"])
     theirs = optimum.drive(many, optimum.by(law), starts)
     known = scores.known_of(cell.env_id, cell.level)
-    found = [optimum.drive(many, optimum.by(control.load(folder)), starts) for folder in folders]
+    found = [optimum.drive(many, optimum.by(control.load(folder, cars.plant)), starts) for folder in folders]
     seeds = [one_seed(folder, outcomes, known) for folder, outcomes in zip(folders, found, strict=True)]
     difference = np.array([one.success.astype(float) - theirs.success for one in found])
     return {

@@ -179,9 +179,7 @@ def find_policy(name: str, env: gym.Env, trust_pickle: bool = False) -> control.
             known = name in (*control.NAMES, control.PRETRAINED) or ":" in name
             missing = "" if known else f" There is no folder {name!r} of a trained policy either."
             raise UserError(f"{error}{missing}") from None
-    network = trained.load(name)
-    trained.check_fit(name, network, env)
-    return network
+    return trained.driving(name, trained.load(name), env)
 
 
 def list_of_controllers() -> str:

@@ -10,7 +10,8 @@ Hundreds of cars are driven at once by the native vector environment, in one thr
 - The policy may see what it saw at its last decisions; the critic also sees what is hidden.
 - An episode in which success can no longer come may end there: else a policy learns to fail one criterion for sure, in
   order not to fail two.
-- It may begin as the image of a classical controller, or of one that has learned to plan.
+- It may begin as the image of a classical controller, or of one that has learned to plan; or be added to a controller's
+  actions.
 - A mirror image is answered by the mirror image of the action, and worth as much.
 - The best policy is kept, chosen on starts of their own, not the last one.
 
@@ -34,7 +35,7 @@ from torch import Tensor, nn
 from torch.distributions import Normal
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import imitation, messages, settings, state_arrays, stopping, training
+from agents import imitation, messages, residual, settings, state_arrays, stopping, training
 from agents.evaluate import make_env, make_vector_env, parse_keywords
 from bicycle_env import optimum
 from bicycle_env.backends import announcements
@@ -104,6 +105,8 @@ class Args:
     """A controller by name: the policy begins as its image, with the parameters tuned for the id and level."""
     plan: int = 0
     """Iterations of a search that first lets this controller choose its path by what the start shows; of evade-path."""
+    residual: str = ""
+    """A controller by name, with the parameters tuned for the id and level: what is learned is added to its actions."""
     critic_alone: int = 0
     """Updates at first in which only the critic learns: a policy that is good already must not unlearn."""
 
@@ -156,8 +159,12 @@ class Cars:
 
     def __init__(self, args: Args, keywords: dict[str, Any]) -> None:
         self._args = args
-        held = {**keywords, "action_repeat": args.hold * keywords.get("action_repeat", 1)}
-        self.env: Any = make_vector_env(args.env_id, args.cars, held, "NextStep").unwrapped
+        if args.residual:
+            law = residual.base(args.residual, make_env(args.env_id, keywords).unwrapped)
+            self.env: Any = residual.OnTop(args.env_id, args.cars, keywords, law, args.hold)
+        else:
+            held = {**keywords, "action_repeat": args.hold * keywords.get("action_repeat", 1)}
+            self.env = make_vector_env(args.env_id, args.cars, held, "NextStep").unwrapped
         self.entries = self.env.single_observation_space.shape[0]
         self.axles = self.env.single_action_space.shape[0]
         self.mirror = np.tile(self.env.observation_mirror.astype(np.float32), args.history)
@@ -319,6 +326,8 @@ def train(args: Args, console: Console, watch: training.Watch | None = None) -> 
     optimizer = torch.optim.Adam(learner.parameters(), args.learning_rate, eps=1e-5)
     plan = training.Plan(args.env_id, keywords, ALGORITHM, args.seed, chosen, args.total_timesteps)
     manner = training.manner(args, assessed.plant)
+    if args.residual:
+        manner |= residual.manner(args.residual, assessed.plant)
     with training.run_in(path, plan, assessed, manner, args.resume, console, args.quiet) as (run, arrays):
         run.watch = watch
         if arrays is None:
@@ -350,6 +359,7 @@ def state(learner: Learner, optimizer: torch.optim.Optimizer, cars: Cars) -> sta
         **state_arrays.of_adam("adam", optimizer),
         **state_arrays.of_process(),
         **state_arrays.of_cars(cars.env.snapshot()),
+        **(cars.env.state_of_the_law() if isinstance(cars.env, residual.OnTop) else {}),
         "seen": cars.seen.copy(),
         "over": cars.over.copy(),
         "forfeited": cars.forfeited.copy(),
@@ -361,7 +371,9 @@ def put(arrays: state_arrays.Arrays, learner: Learner, optimizer: torch.optim.Op
     try:
         state_arrays.put_tensors(learner.state_dict(), arrays)
         state_arrays.put_adam("adam", optimizer, arrays)
-        state_arrays.put_cars(cars.env, cars.env.dtype, len(cars.over), arrays)
+        seen = state_arrays.put_cars(cars.env, cars.env.dtype, len(cars.over), arrays)
+        if isinstance(cars.env, residual.OnTop):
+            cars.env.put(arrays, seen)
         cars.seen = arrays.take("seen", np.float32, *cars.seen.shape)
         cars.over = arrays.take("over", np.bool_, *cars.over.shape)
         cars.forfeited = arrays.take("forfeited", np.bool_, *cars.forfeited.shape)

@@ -25,7 +25,7 @@ from agents.headroom_setting import LEARNED
 from agents.messages import UserError
 from agents.statistics import mean, share
 from bicycle_env import control, leaderboard, optimum, provenance
-from bicycle_env.control.network import DESCRIPTION_FILE
+from bicycle_env.control.network import BASE, DESCRIPTION_FILE
 from bicycle_env.control.pretrained import FOLDER, USUAL_LEVEL, place, published
 from bicycle_env.files import (
     FileError,
@@ -162,6 +162,8 @@ def record_of(folder: Path) -> dict[str, Any]:
 def scored_run(folder: Path, record: dict[str, Any], cars: optimum.Cars, level: str, starts: int) -> Run:
     """A run, with its policy's figures; UserError for a policy that does not fit."""
     network = trained.load(str(folder))
+    if BASE in network.description:
+        raise UserError(f"{shown(folder)}: only networks ship, and this one is added to a controller's actions")
     trained.check_fit(str(folder), network, cars.plant)
     return Run(folder, record, network, figures(network, cars, record["env_id"], level, starts))
 

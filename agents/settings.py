@@ -104,6 +104,7 @@ OWN = {
         "end_forfeited": flag,
         "success_bonus": number_in(0.0, 1e6),
         "imitate": text(200),
+        "residual": text(200),
         "plan": whole_in(0, 10**5),
         "noise_hold": whole_in(1, 1000),
         "critic_alone": whole_in(0, 10**6),

@@ -31,14 +31,23 @@ def is_trained(name: str) -> bool:
 
 
 def load(name: str) -> control.Network:
-    """A trained policy; UserError in one line for whatever is wrong with its files."""
+    """A trained policy, without its base; UserError in one line for whatever is wrong with its files."""
     try:
-        return control.load(name)
+        return control.read(name)
     except (ValueError, OSError) as error:
         begun = (Path(name) / "checkpoint").is_dir() and not (Path(name) / "policy.json").is_file()
         command = "python -m agents.train ... --resume, or agents.ppo, agents.policy_search: whichever began it"
         hint = f"; its training was stopped: go on with {command}" if begun else ""
         raise UserError(f"{shown(error)}{hint}") from None
+
+
+def driving(name: str, network: control.Network, env: gym.Env) -> control.Network | control.Residual:
+    """The policy that drives an environment: with its base, if it has one; UserError unless it fits."""
+    check_fit(name, network, env)
+    try:
+        return control.on_base(network, env, name)
+    except ValueError as error:
+        raise UserError(shown(error)) from None
 
 
 def keywords_of(name: str, network: control.Network, environment: type[SingleTrackEnv]) -> dict[str, Any]:

@@ -120,7 +120,7 @@ class Run:
         return self._best
 
     def network(self, layers: Layers) -> control.Network:
-        """The policy of a multilayer perceptron with tanh."""
+        """A multilayer perceptron with tanh, without its base."""
         names = list(self._cars.plant.observation_names)
         identity = {name: value for name, value in self._plan.identity.items() if name != "settings"}
         description = {**identity, "timesteps": self.timesteps, "observation_names": names, **self._manner}
@@ -179,7 +179,8 @@ class Run:
             self._save(state())
 
     def _assess(self, policy: control.Network) -> None:
-        outcomes = optimum.drive(self._cars.of(SELECTED), optimum.by(policy), self._seeds)
+        drives = control.on_base(policy, self._cars.plant, self._folder.path)
+        outcomes = optimum.drive(self._cars.of(SELECTED), optimum.by(drives), self._seeds)
         success, mean_return, length = (float(np.mean(column)) for column in np.take(outcomes, (0, 2, 3), axis=0))
         self._curve.append(f"{self.timesteps},{self.seconds:.1f},{success:.4f},{mean_return:.3f},{length:.1f}")
         if (success, mean_return) > self._best[:2]:

@@ -9,7 +9,7 @@ from bicycle_env.control.four_wheel_steer import REAR_LAWS, DriverAndLaw
 from bicycle_env.control.lqg import LQG
 from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, Weights, read_weights, tuned_weights
 from bicycle_env.control.mpc import MPC
-from bicycle_env.control.network import Network, load
+from bicycle_env.control.network import Network, read
 from bicycle_env.control.pole_placement import PolePlacement
 from bicycle_env.control.policy import Function, Plant, Policy, Zero
 from bicycle_env.control.pretrained import PRETRAINED, load_policy, published
@@ -20,9 +20,12 @@ from bicycle_env.control.registry import (
     alone_among_many,
     descriptions,
     from_file,
+    load,
     make,
+    on_base,
     tunable,
 )
+from bicycle_env.control.residual import Residual
 from bicycle_env.control.tunable import Candidates, Parameter, TunableLaw, TunablePolicy, searched, values_of
 
 __all__ = [
@@ -47,6 +50,7 @@ __all__ = [
     "Plant",
     "PolePlacement",
     "Policy",
+    "Residual",
     "ScheduledLQR",
     "Scripted",
     "TunableLaw",
@@ -59,7 +63,9 @@ __all__ = [
     "load",
     "load_policy",
     "make",
+    "on_base",
     "published",
+    "read",
     "read_weights",
     "searched",
     "tunable",

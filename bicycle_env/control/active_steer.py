@@ -99,6 +99,10 @@ class RearSteering(TunableLaw):
     def vary(self, values: Matrix) -> None:
         self._matrix = np.array([self.matrix(row) for row in values])
 
+    @property
+    def memory(self) -> Remembered:
+        return self._remembered
+
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         self._remembered.reset(rows)
 

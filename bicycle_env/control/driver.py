@@ -128,6 +128,10 @@ class Preview(Driver):
         self.delay_steps = waiting
         self._waiting = Remembered(waiting)
 
+    @property
+    def memory(self) -> Remembered:
+        return self._waiting
+
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         self._waiting.reset(rows)
 

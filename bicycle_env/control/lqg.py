@@ -61,6 +61,10 @@ class LQG(WeightedPolicy):
         self._sensors = MeasuredSignals(getattr(plant, "driven", plant), sensor_noise, seed)
         self._remembered = Remembered(3)  # predicted lateral velocity and yaw rate; 1 once there is a prediction
 
+    @property
+    def memory(self) -> Remembered:
+        return self._remembered
+
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:
         self._remembered.reset(rows)
 

@@ -40,8 +40,11 @@ from bicycle_env.files import (
 WEIGHTS_FILE = "policy.safetensors"
 DESCRIPTION_FILE = "policy.json"
 FORMAT = "bicycle-env policy"
-VERSION = 2
-"""Of the files that are written; those of version 1 hold no action, see one observation and have no mirror image."""
+VERSION, BASED_VERSION = 2, 3
+"""Of the files that are written, without and with a controller as the base; those of version 1 hold no action, see one
+observation and have no mirror image."""
+BASE = "base"
+"""In policy.json: the controller to whose action the network's is added."""
 
 
 def relu(x: Any) -> Any:
@@ -68,7 +71,7 @@ ACTS: dict[str, Callable[[str, Any], Any]] = {
 DESCRIPTION = table(
     {
         "format": one_of([FORMAT]),
-        "version": whole_in(1, VERSION),
+        "version": whole_in(1, BASED_VERSION),
         "env_id": text(200),
         "observation_names": listed(text(200), 1, WIDEST),
         "activation": one_of(ACTIVATIONS),
@@ -76,10 +79,13 @@ DESCRIPTION = table(
         "layers": listed(listed(whole_in(1, WIDEST), 2, 2), 1, MOST_LAYERS),
         "weights_sha256": text(64),
     },
-    {"env_keywords": mapping(anything, 100)},
+    {
+        "env_keywords": mapping(anything, 100),
+        BASE: table({"controller": text(200), "parameters": mapping(anything, 100)}),
+    },
     others=True,
 )
-"""What policy.json must hold; what else stands there is kept, and only what `ACTS` names does anything."""
+"""What policy.json must hold; what else stands there is kept, and only what `ACTS` and `BASE` name does anything."""
 
 
 class Network(Policy):
@@ -136,7 +142,7 @@ class Network(Policy):
         self.description = {
             **description,
             "format": FORMAT,
-            "version": VERSION,
+            "version": BASED_VERSION if BASE in description else VERSION,
             "activation": activation,
             "output": output,
             "layers": [list(weight.shape) for weight, _ in layers],
@@ -204,8 +210,8 @@ class Network(Policy):
         write_json(Path(folder) / DESCRIPTION_FILE, {**self.description, "weights_sha256": _sha256(content)})
 
 
-def load(folder: str | Path) -> Network:
-    """Read a policy from the folder that :meth:`Network.save` wrote; nothing in it is executed.
+def read(folder: str | Path) -> Network:
+    """The network in the folder that :meth:`Network.save` wrote, without its base; nothing in it is executed.
 
     Raises:
         FileNotFoundError: a file is missing.

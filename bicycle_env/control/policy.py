@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_env.analysis.linear_model import LinearModel
+from bicycle_env.control.remembered import Remembered
 from bicycle_env.physics.actuators import Actuator
 from bicycle_env.physics.model import Model
 from bicycle_env.physics.vehicle import Vehicle
@@ -49,6 +50,11 @@ class Policy(abc.ABC):
     """Maps observations to actions, one car's or many at a time."""
 
     name: str
+
+    @property
+    def memory(self) -> Remembered | None:
+        """What it remembers of each car; None: nothing, or not as numbers per car."""
+        return None
 
     def reset(self, rows: NDArray[np.bool_] | None = None) -> None:  # noqa: B027 (most policies remember nothing)
         """Forget the past: call it when an episode starts.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from bicycle_env.control.network import DESCRIPTION_FILE, Network, load
+from bicycle_env.control.network import DESCRIPTION_FILE, Network, read
 from bicycle_env.physics.validation import choice
 
 PRETRAINED = "pretrained"
@@ -43,7 +43,7 @@ def load_policy(env_id: str, level: str | None = None) -> Network:
     there = published()
     choice("env_id with a policy", env_id, there)
     level = choice(f"level of {env_id} with a policy", USUAL_LEVEL if level is None else level, there[env_id])
-    return load(place(env_id, level))
+    return read(place(env_id, level))
 
 
 def pretrained(plant: Any) -> Network:

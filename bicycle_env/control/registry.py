@@ -15,10 +15,11 @@ from bicycle_env.control.four_wheel_steer import COMBINATIONS, REAR_LAWS, Driver
 from bicycle_env.control.lqg import LQG
 from bicycle_env.control.lqr import LQR, ContinuousLQR, ScheduledLQR, read_weights
 from bicycle_env.control.mpc import MPC
-from bicycle_env.control.network import Network
+from bicycle_env.control.network import BASE, Network, read
 from bicycle_env.control.pole_placement import PolePlacement
 from bicycle_env.control.policy import Function, Plant, Policy, Zero
 from bicycle_env.control.pretrained import PRETRAINED, pretrained
+from bicycle_env.control.residual import Residual
 from bicycle_env.control.tunable import TunablePolicy, values_of
 from bicycle_env.files import anything, mapping, naming, read_json, table, text
 from bicycle_env.physics.validation import choice
@@ -143,10 +144,47 @@ def alone_among_many(policy: Policy) -> bool:
     Of a class of one's own nobody knows it. ``MPC`` gains nothing by many cars, and with sensors that are noisy the
     noise of a car depends on the others.
     """
-    parts = (policy.driver, policy.law) if type(policy) is DriverAndLaw else (policy,)
+    parts = parts_of(policy)
     known = {Network, *CLASSES, *REAR_LAWS.values()} - {MPC}
-    noisy = isinstance(policy, LQG) and policy.sensor_noise is not None
+    noisy = any(isinstance(part, LQG) and part.sensor_noise is not None for part in parts)
     return all(type(part) in known for part in parts) and not noisy
+
+
+def parts_of(policy: Any) -> tuple[Any, ...]:
+    """Those that act together, or itself."""
+    if type(policy) is DriverAndLaw:
+        return policy.driver, policy.law
+    return (policy.network, policy.base) if type(policy) is Residual else (policy,)
+
+
+def load(folder: str | Path, env: Any = None) -> Network | Residual:
+    """Read a trained policy from its folder; nothing in it is executed.
+
+    Args:
+        folder: with ``policy.json`` and ``policy.safetensors``.
+        env: the environment that it will drive; needed only where the network was trained on top of a controller, which
+            is designed for it.
+
+    Raises:
+        FileNotFoundError: a file is missing.
+        FileError: a ValueError of one line, which names the file: no folder (an archive of Stable-Baselines3, say), too
+            large, damaged, of another format or version, its parts do not fit together, or it needs `env`.
+    """
+    return on_base(read(folder), env, folder)
+
+
+def on_base(network: Network, env: Any, folder: str | Path) -> Network | Residual:
+    """A network that was read from a folder, with the controller that it was trained on top of, if it was."""
+    told = network.description.get(BASE)
+    if told is None:
+        return network
+    with naming(folder):
+        controller = TUNABLE[choice("controller as base", told["controller"], TUNABLE)]
+        if env is None:
+            words = f"was trained on top of {controller.name!r}, which is designed for an environment"
+            raise ValueError(f"{words}: load(folder, env)")
+        plant: Plant = getattr(env, "unwrapped", env)
+        return Residual(network, controller.of(plant, values_of(controller, plant, told["parameters"])))
 
 
 def from_file(path: str | Path, env: Any) -> Policy:

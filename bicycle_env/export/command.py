@@ -10,7 +10,7 @@ from typing import Any
 from gymnasium import spaces
 
 from bicycle_env import export
-from bicycle_env.control.network import load
+from bicycle_env.control.network import read
 from bicycle_env.control.pretrained import PRETRAINED, load_policy
 from bicycle_env.control.registry import make
 from bicycle_env.envs.configuration import Configuration
@@ -73,7 +73,7 @@ def _policy(chosen: argparse.Namespace, given: dict[str, Any]) -> list[Path]:
         policy: Any = load_policy(chosen.env_id or USUAL_ID, given.pop("level", None))
         _refuse(given, f"--policy {PRETRAINED}")
     elif Path(chosen.policy).exists():
-        policy = load(chosen.policy)
+        policy = read(chosen.policy)
         _refuse(given, "a policy's folder")
     else:
         plant = Uncompiled(configuration_of(chosen.env_id or USUAL_ID, **given))

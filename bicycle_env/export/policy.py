@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bicycle_env.backends.trace import TRACE, TRACE_FLOAT32, named, program
 from bicycle_env.control.lqr import StateFeedback
-from bicycle_env.control.network import Network
+from bicycle_env.control.network import BASE, Network
 from bicycle_env.export.c_source import C, build_line, comment
 from bicycle_env.export.javascript import JAVASCRIPT
 from bicycle_env.export.source import Language, lines
@@ -71,6 +71,10 @@ def layers_of(policy: Any, names: Any = None) -> Layers:
     """
     if isinstance(policy, Network):
         told, arrays = policy.description, policy.arrays()
+        if BASE in told:
+            raise ValueError(
+                f"the policy cannot be written out: it is added to the actions of {told[BASE]['controller']!r}"
+            )
         count = len(arrays) // 2
         return Layers(
             f"a network trained for {told.get('env_id', 'an unknown id')}",

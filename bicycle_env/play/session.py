@@ -38,9 +38,9 @@ def policy_of(name: str, env: Any) -> Policy:
     if not known and name.endswith(".json"):
         return control.from_file(name, env)
     if not known and Path(name).is_dir():
-        network = control.load(name)
+        network = control.read(name)
         network.check_fit(env.unwrapped)
-        return network
+        return control.on_base(network, env, name)
     return control.make(name, env)
 
 

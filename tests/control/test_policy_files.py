@@ -263,7 +263,7 @@ BAD_ACTS = [
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"version": 3}, r"version must be a whole number in \[1, 2\], got 3"),
+        ({"version": 4}, r"version must be a whole number in \[1, 3\], got 4"),
         ({"version": "1"}, "version must be a whole number"),
         ({"version": None}, "version must be"),
         ({"format": "something else"}, "format must be one of 'bicycle-env policy', got 'something else'"),
