@@ -95,7 +95,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "on top of rear-switched": ("--residual", "rear-switched", "--critic-alone", "10", "--deviation", "0.1"),
 }
 ABLATED = ("--total-timesteps", "6000000")
-"""A third of the usual steps: what an option is worth is how soon it learns, and seven options times three seeds are long."""
+"""A third of the usual steps: an option is worth what it brings soon, and eight of them times three seeds take long."""
 PLANS = {
     "table": PLAN,
     "ablations": tuple(
