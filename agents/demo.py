@@ -18,7 +18,7 @@ from typing import Any
 import tyro
 from rich.progress import track
 
-from agents import messages, moving_picture, ppo, settings
+from agents import messages, moving_picture, policy_search, settings
 from agents.episodes import evaluate, hardest_saved, start_seeds, summarise
 from agents.evaluate import console_for_tables, make_env, print_table
 from bicycle_env import control, load_policy, provenance
@@ -58,12 +58,12 @@ def main() -> int:
     console = console_for_tables()
     begin = time.perf_counter()
     folder = Path("runs") / time.strftime("demo-%Y%m%d-%H%M%S")
-    training = settings.usual(ppo.Args, ppo.ALGORITHM, ["--env-id", ENV_ID])
+    training = settings.usual(policy_search.Args, policy_search.ALGORITHM, ["--env-id", ENV_ID])
     training = replace(training, env_id=ENV_ID, seed=args.seed, out=folder, quiet=not sys.stderr.isatty())
     if args.total_timesteps is not None:
         training = replace(training, total_timesteps=args.total_timesteps)
-    console.print(f"1/3  training PPO on {ENV_ID}: a car at 1.2 times its critical speed")
-    ppo.train(training, console)
+    console.print(f"1/3  training on {ENV_ID}: a car at 1.2 times its critical speed, caught soonest by policy search")
+    policy_search.train(training, console)
     trained = time.perf_counter()
 
     env = make_env(ENV_ID, {"telemetry": True})

@@ -20,7 +20,7 @@ from bicycle_env.files import read_bytes, write_bytes
 from bicycle_env.plots.style import BLACK, BLUE, GREY, ORANGE, RED, LineStyle, dress, new_figure, save
 
 STYLES = {"zero": LineStyle(GREY, "-"), "lqr": LineStyle(ORANGE, "--"), "learned": LineStyle(BLUE, "-")}
-LABELS = {"zero": "uncontrolled", "lqr": "LQR", "learned": "learned (PPO)"}
+LABELS = {"zero": "uncontrolled", "lqr": "LQR", "learned": "learned"}
 
 
 def history(env: gym.Env, policy: Policy, seed: int) -> tuple[list[Any], str]:
@@ -91,13 +91,13 @@ def learning_curves(curves: list[Path], env_id: str, lines: dict[str, float], pa
     for k, curve in enumerate(curves):
         rows = list(csv.DictReader(io.StringIO(read_bytes(curve).decode("utf-8"))))
         steps = [float(row["timesteps"]) / 1000 for row in rows]
-        label = "PPO, while it learns" + (f" ({len(curves)} seeds)" if len(curves) > 1 else "")
+        label = "while it learns, on the starts that select" + (f" ({len(curves)} seeds)" if len(curves) > 1 else "")
         axis.plot(
             steps, [100 * float(row["success_rate"]) for row in rows], color=BLUE, alpha=0.8, label="" if k else label
         )
     for name, share in lines.items():
         color, line = (BLUE, ":") if name == "learned" else STYLES[name]
-        axis.axhline(100 * share, color=color, linestyle=line, label=f"{LABELS[name]}, on the test starts")
+        axis.axhline(100 * share, color=color, linestyle=line, label=f"{LABELS[name]}, on the starts that report")
     dress(
         axis,
         xlabel="environment steps [thousands]",

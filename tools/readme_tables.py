@@ -47,7 +47,7 @@ def made(result: dict[str, Any], more: str) -> str:
 
 def demo() -> str:
     result = read("demo.json")
-    names = {"zero": "uncontrolled", "lqr": "LQR", "learned": "PPO (`agents.ppo`), one seed"}
+    names = {"zero": "uncontrolled", "lqr": "LQR", "learned": "evolution strategy (`agents.policy_search`), one seed"}
     lines = [
         "| 200 starts, the same | success [%] | on the road [%] | mean return (of 400) | peak sideslip [deg] "
         "| steering effort [deg] |",
