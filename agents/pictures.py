@@ -85,13 +85,13 @@ def saved_starts(env: gym.Env, driven: dict[str, list[Episode]], seed: int, path
 
 
 def learning_curves(curves: list[Path], env_id: str, lines: dict[str, float], path: Path) -> None:
-    """Success while training, one line per seed, beside the drivers' shares on the starts of the table."""
+    """Success on the starts that select, one line per seed, beside the drivers' shares on those of the table."""
     figure = new_figure(7.5, 3.8)
     axis = figure.subplots()
     for k, curve in enumerate(curves):
         rows = list(csv.DictReader(io.StringIO(read_bytes(curve).decode("utf-8"))))
         steps = [float(row["timesteps"]) / 1000 for row in rows]
-        label = "PPO, while it learns" + (f" ({len(curves)} seeds)" if len(curves) > 1 else "")
+        label = "while it learns, on the starts that select" + (f" ({len(curves)} seeds)" if len(curves) > 1 else "")
         axis.plot(
             steps, [100 * float(row["success_rate"]) for row in rows], color=BLUE, alpha=0.8, label="" if k else label
         )
