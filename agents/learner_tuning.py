@@ -44,6 +44,8 @@ RETURN_SHARE = 1e-6
 STOPPED = "stopped"
 STARTUP = 5
 """Trials before any is given up, and points of the curve before one is."""
+POINTS = 20
+"""Of the curve, as agents.training has them (which imports torch): in steps they lie elsewhere with every rollout."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +79,13 @@ class Options:
         self._usual = settings.usual(self.module.Args, asked.algo, words)
         self.shipped: Mapping[str, Any] = vars(self._usual)
         """Settings by name."""
+        self.steps: int = asked.total_timesteps or self._usual.total_timesteps
+        """Of each training."""
 
     def arguments(self, chosen: Mapping[str, Any], place: Path, **shared: Any) -> Any:
         """Of a training with these settings in this folder."""
-        steps = {} if self._asked.total_timesteps is None else {"total_timesteps": self._asked.total_timesteps}
-        return self.module.Args(**{**self.shipped, **steps, **chosen, **shared, "out": place})
+        options = {**self.shipped, "total_timesteps": self.steps, **chosen, **shared, "out": place}
+        return self.module.Args(**options)
 
     def words(self, chosen: Mapping[str, Any]) -> list[str]:
         """Options of a command line that trains with these settings."""
@@ -104,6 +108,7 @@ class SettingsFile:
         defaults = inspect.signature(self.module.sb3_state.ALGORITHMS[asked.algo]).parameters
         known = {name: defaults[name].default for name in SPACES[asked.algo] if name in defaults}
         self.shipped: Mapping[str, Any] = {**known, **self._usual.model, **self._usual.network}
+        self.steps: int = asked.total_timesteps or self._usual.total_timesteps
 
     def arguments(self, chosen: Mapping[str, Any], place: Path, **shared: Any) -> Any:
         config = place.with_name(f"{place.name}.toml")
@@ -121,7 +126,7 @@ class SettingsFile:
         of_model = settings.MODELS[self._asked.algo]
         return replace(
             self._usual,
-            total_timesteps=self._asked.total_timesteps or self._usual.total_timesteps,
+            total_timesteps=self.steps,
             model=self._usual.model | {name: value for name, value in chosen.items() if name in of_model},
             network=self._usual.network | {name: value for name, value in chosen.items() if name not in of_model},
         )
@@ -212,7 +217,8 @@ def _one(asked: Search, optuna: Any, study: Any, trainer: Trainer, console: Cons
         raise UserError(f"--out: {shown(place)} holds a run of another study")
 
     def watch(timesteps: int, success: float, episode_return: float) -> None:
-        trial.report(success + RETURN_SHARE * episode_return, timesteps)
+        # The pruner compares what other trials reported under the same number: the share of the steps.
+        trial.report(success + RETURN_SHARE * episode_return, timesteps // max(1, trainer.steps // POINTS))
         if trial.should_prune():
             raise optuna.TrialPruned
 

@@ -38,8 +38,8 @@ def trained(monkeypatch, tmp_path):
         if args.deviation > 0.25:
             raise UserError("diverged")
         args.out.mkdir(parents=True)
-        for k in range(1, 11):
-            watch(1000 * k, success * k / 10, 10.0 * success)
+        for k in range(1, 11):  # after updates whose length is each trial's own
+            watch(args.total_timesteps * k // 10 + len(calls), success * k / 10, 10.0 * success)
         best = {"success_rate": success, "episode_return": 10.0 * success}
         (args.out / "run.json").write_text(json.dumps({"best": best}))
 
@@ -71,7 +71,8 @@ def test_a_study_finds_the_better_goes_on_and_counts(trained, monkeypatch, capsy
     assert found["settings"]["deviation"] == best.deviation
     assert found["trials"]["complete"] + found["trials"]["pruned"] + found["trials"]["fail"] == 14
     assert found["trials"]["fail"] == sum(args.deviation > 0.25 for args in trained)
-    assert found["trials"]["pruned"] > 0
+    assert found["trials"]["pruned"] > 0, "trials are compared at the same share of their steps"
+    assert learner_tuning.POINTS == training.ASSESSMENTS
     assert f"--deviation {best.deviation}" in found["train"]
     assert "train with them" in capsys.readouterr().out
 
