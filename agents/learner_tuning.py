@@ -3,17 +3,20 @@
 Each trial is a training of its own seed, judged by the success of its best policy on the starts that select, so on no
 start that a table reports; the mean return decides between equals. Trials that fall behind the median of the others at
 the same share of their steps are given up. The study is in a database that several processes and machines may share.
+
+Settings of this package's own trainers are options of their command lines, those of Stable-Baselines3 stand in a file,
+as `agents.train --config` takes it: each trial has one, and the best settings' is written beside the record.
 """
 
 from __future__ import annotations
 
 import importlib
+import inspect
 import shlex
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from rich import box
@@ -21,13 +24,19 @@ from rich.console import Console
 from rich.table import Table
 
 from agents import messages, settings
+from agents.learner_spaces import SPACES, parameters
 from agents.messages import UserError
 from agents.run_folder import begun
 from bicycle_env import provenance
 from bicycle_env.files import anything, mapping, read_json, shown
 from bicycle_env.installation import needs
 
-TRAINERS = {"native-ppo": "agents.ppo", "policy-search": "agents.policy_search", "jax-ppo": "agents.ppo_jax"}
+TRAINERS = {
+    "native-ppo": "agents.ppo",
+    "policy-search": "agents.policy_search",
+    "jax-ppo": "agents.ppo_jax",
+    **dict.fromkeys(settings.ALGORITHMS, "agents.train"),
+}
 FIRST_SEED = 1_000_000
 """Of the trainings: far from the seeds that tables report."""
 RETURN_SHARE = 1e-6
@@ -35,57 +44,8 @@ RETURN_SHARE = 1e-6
 STOPPED = "stopped"
 STARTUP = 5
 """Trials before any is given up, and points of the curve before one is."""
-
-Suggest = Callable[[Any], Any]
-
-
-def _number(name: str, low: float, high: float, log: bool = False) -> Suggest:
-    return lambda trial: trial.suggest_float(name, low, high, log=log)
-
-
-def _whole(name: str, low: int, high: int) -> Suggest:
-    return lambda trial: trial.suggest_int(name, low, high)
-
-
-def _one_of(name: str, *values: Any) -> Suggest:
-    return lambda trial: trial.suggest_categorical(name, list(values))
-
-
-def _gamma(trial: Any) -> tuple[float, float]:
-    """Both ends, as times in decisions."""
-    ends = sorted(trial.suggest_float(f"horizon_{end}", 10.0, 1000.0, log=True) for end in ("first", "last"))
-    return (round(1.0 - 1.0 / ends[0], 5), round(1.0 - 1.0 / ends[1], 5))
-
-
-ON_POLICY: dict[str, Suggest] = {
-    "decisions": _one_of("decisions", 16, 32, 64, 104),
-    "hold": _whole("hold", 1, 8),
-    "epochs": _whole("epochs", 2, 10),
-    "learning_rate": _number("learning_rate", 1e-4, 5e-3, log=True),
-    "gamma": _gamma,
-    "gae_lambda": _number("gae_lambda", 0.8, 1.0),
-    "entropy": _number("entropy", 1e-6, 1e-2, log=True),
-    "width": _one_of("width", 32, 64, 128),
-    "deviation": _number("deviation", 0.1, 0.8),
-}
-SPACES: dict[str, dict[str, Suggest]] = {
-    "native-ppo": {
-        **ON_POLICY,
-        "history": _whole("history", 1, 12),
-        "minibatch": _one_of("minibatch", 1024, 2048, 4096),
-    },
-    "jax-ppo": {**ON_POLICY, "minibatches": _one_of("minibatches", 4, 8, 16)},
-    "policy-search": {
-        "pairs": _one_of("pairs", 32, 64, 128),
-        "starts": _one_of("starts", 8, 16, 32),
-        "hold": _whole("hold", 1, 6),
-        "history": _whole("history", 1, 4),
-        "width": _one_of("width", 8, 16, 32),
-        "deviation": _number("deviation", 0.01, 0.3, log=True),
-        "learning_rate": _number("learning_rate", 1e-3, 0.1, log=True),
-    },
-}
-"""By trainer, what is searched: names of its options."""
+POINTS = 20
+"""Of the curve, as agents.training has them (which imports torch): in steps they lie elsewhere with every rollout."""
 
 
 @dataclass(frozen=True)
@@ -101,11 +61,83 @@ class Search:
     storage: str | None
     study: str
     folder: Path
+    config: Path
+    """Where the best settings are written as a settings file, if that is how the trainer takes them."""
 
     @property
     def url(self) -> str:
         """Of the database; by default an SQLite file in the folder."""
         return self.storage or f"sqlite:///{self.folder / 'study.db'}"
+
+
+class Options:
+    """A trainer of this package's own, whose settings are options of its command line."""
+
+    def __init__(self, asked: Search) -> None:
+        self._asked, self.module = asked, importlib.import_module(TRAINERS[asked.algo])
+        words = ["--env-id", asked.env_id, "--env-keywords", asked.env_keywords]
+        self._usual = settings.usual(self.module.Args, asked.algo, words)
+        self.shipped: Mapping[str, Any] = vars(self._usual)
+        """Settings by name."""
+        self.steps: int = asked.total_timesteps or self._usual.total_timesteps
+        """Of each training."""
+
+    def arguments(self, chosen: Mapping[str, Any], place: Path, **shared: Any) -> Any:
+        """Of a training with these settings in this folder."""
+        options = {**self.shipped, "total_timesteps": self.steps, **chosen, **shared, "out": place}
+        return self.module.Args(**options)
+
+    def words(self, chosen: Mapping[str, Any]) -> list[str]:
+        """Options of a command line that trains with these settings."""
+        words = ["--total-timesteps", str(self._asked.total_timesteps)] if self._asked.total_timesteps else []
+        for name, value in chosen.items():
+            words += [f"--{name.replace('_', '-')}", *(map(str, value) if isinstance(value, list) else [f"{value}"])]
+        return words
+
+    def write(self, chosen: Mapping[str, Any], command: str) -> None:
+        """Nothing: the command line says all."""
+
+
+class SettingsFile:
+    """Stable-Baselines3, whose settings are a file."""
+
+    def __init__(self, asked: Search) -> None:
+        self._asked, self.module = asked, importlib.import_module(TRAINERS[asked.algo])
+        self._usual = settings.read(asked.env_id, asked.algo)
+        # What the file does not say is as the library has it.
+        defaults = inspect.signature(self.module.sb3_state.ALGORITHMS[asked.algo]).parameters
+        known = {name: defaults[name].default for name in SPACES[asked.algo] if name in defaults}
+        self.shipped: Mapping[str, Any] = {**known, **self._usual.model, **self._usual.network}
+        self.steps: int = asked.total_timesteps or self._usual.total_timesteps
+
+    def arguments(self, chosen: Mapping[str, Any], place: Path, **shared: Any) -> Any:
+        config = place.with_name(f"{place.name}.toml")
+        settings.write(config, self._asked.algo, self._settings(chosen), f"a trial of {self._asked.study}")
+        return self.module.Args(algo=self._asked.algo, config=config, out=place, **shared)
+
+    def words(self, _: Mapping[str, Any]) -> list[str]:
+        return ["--algo", self._asked.algo, "--config", str(self._asked.config)]
+
+    def write(self, chosen: Mapping[str, Any], command: str) -> None:
+        """The settings file that the command line names."""
+        settings.write(self._asked.config, self._asked.algo, self._settings(chosen), f"Found by: {command}")
+
+    def _settings(self, chosen: Mapping[str, Any]) -> settings.Settings:
+        of_model = settings.MODELS[self._asked.algo]
+        return replace(
+            self._usual,
+            total_timesteps=self.steps,
+            model=self._usual.model | {name: value for name, value in chosen.items() if name in of_model},
+            network=self._usual.network | {name: value for name, value in chosen.items() if name not in of_model},
+        )
+
+
+Trainer = Options | SettingsFile
+
+
+def trainer_of(asked: Search) -> Trainer:
+    """How the settings come to the trainer."""
+    return SettingsFile(asked) if asked.algo in settings.ALGORITHMS else Options(asked)
 
 
 def imported() -> Any:
@@ -120,9 +152,7 @@ def search(asked: Search) -> dict[str, Any]:
     """Drive trials until so many have finished or were given up; gives the record that is written."""
     optuna = imported()
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    module = importlib.import_module(TRAINERS[asked.algo])
-    words = ["--env-id", asked.env_id, "--env-keywords", asked.env_keywords]
-    usual = settings.usual(module.Args, asked.algo, words)
+    trainer = trainer_of(asked)
     asked.folder.mkdir(parents=True, exist_ok=True)
     try:
         study = optuna.create_study(
@@ -142,37 +172,30 @@ def search(asked: Search) -> dict[str, Any]:
     # One that goes on must not draw the same numbers again.
     study.sampler = optuna.samplers.TPESampler(seed=asked.seed + len(study.trials))
     if not study.trials:  # the shipped settings are the first trial where the spaces hold them
-        study.enqueue_trial(_enqueued(optuna, usual, asked.algo), skip_if_exists=True)
+        study.enqueue_trial(_enqueued(optuna, trainer.shipped, asked.algo), skip_if_exists=True)
     with messages.progress() as bar:
         job = bar.add_task(asked.study, total=asked.trials)
         while (done := len(_over(study))) < asked.trials:
             best = _best(optuna, study)
             told = "" if best is None else f": best saves {100.0 * best.user_attrs['success_rate']:.1f} %"
             bar.update(job, completed=done, description=f"{asked.study}{told}")
-            _one(asked, optuna, study, module, usual, Console(quiet=True))
-    return record(asked, optuna, study)
+            _one(asked, optuna, study, trainer, Console(quiet=True))
+    return record(asked, optuna, study, trainer)
 
 
-def _enqueued(optuna: Any, usual: Any, algo: str) -> dict[str, Any]:
+def _enqueued(optuna: Any, shipped: Mapping[str, Any], algo: str) -> dict[str, Any]:
     """Of the shipped settings those that the spaces hold; what they do not hold is drawn."""
-    known = {field.name: getattr(usual, field.name) for field in fields(usual)}
-    found = {name: known[name] for name in SPACES[algo] if name != "gamma"}
-    if "entropy" in found:
-        found["entropy"] = max(found["entropy"], 1e-6)
-    if "gamma" in SPACES[algo]:
-        found |= zip(("horizon_first", "horizon_last"), (1.0 / (1.0 - end) for end in known["gamma"]), strict=True)
-    return {name: value for name, value in found.items() if _held(optuna, algo, name, found)}
-
-
-def _held(optuna: Any, algo: str, name: str, values: dict[str, Any]) -> bool:
-    space = SPACES[algo].get(name, SPACES[algo].get("gamma"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # Optuna only warns of a number beyond its range
-        try:
-            space(optuna.trial.FixedTrial(values))  # type: ignore[misc]
-        except (ValueError, UserWarning):
-            return False
-    return True
+    found: dict[str, Any] = {}
+    for name, suggest in SPACES[algo].items():
+        values = parameters(name, shipped[name])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # Optuna only warns of a number beyond its range
+            try:
+                suggest(optuna.trial.FixedTrial(values))
+            except (ValueError, UserWarning):
+                continue
+        found |= values
+    return found
 
 
 def _over(study: Any) -> list[Any]:
@@ -185,7 +208,7 @@ def _best(optuna: Any, study: Any) -> Any:
     return max(finished, key=lambda trial: trial.value, default=None)
 
 
-def _one(asked: Search, optuna: Any, study: Any, module: ModuleType, usual: Any, console: Console) -> None:
+def _one(asked: Search, optuna: Any, study: Any, trainer: Trainer, console: Console) -> None:
     """A trial: a training of its own."""
     trial = study.ask()
     chosen = {name: suggest(trial) for name, suggest in SPACES[asked.algo].items()}
@@ -194,16 +217,16 @@ def _one(asked: Search, optuna: Any, study: Any, module: ModuleType, usual: Any,
         raise UserError(f"--out: {shown(place)} holds a run of another study")
 
     def watch(timesteps: int, success: float, episode_return: float) -> None:
-        trial.report(success + RETURN_SHARE * episode_return, timesteps)
+        # The pruner compares what other trials reported under the same number: the share of the steps.
+        trial.report(success + RETURN_SHARE * episode_return, timesteps // max(1, trainer.steps // POINTS))
         if trial.should_prune():
             raise optuna.TrialPruned
 
-    shared = {"env_id": asked.env_id, "env_keywords": asked.env_keywords, "out": place, "quiet": True}
-    steps = {} if asked.total_timesteps is None else {"total_timesteps": asked.total_timesteps}
-    options = {**vars(usual), **shared, **steps, **chosen, "seed": FIRST_SEED + trial.number, "resume": False}
+    shared = {"env_id": asked.env_id, "env_keywords": asked.env_keywords, "quiet": True, "resume": False}
+    arguments = trainer.arguments(chosen, place, seed=FIRST_SEED + trial.number, **shared)
     states = optuna.trial.TrialState
     try:
-        module.train(module.Args(**options), console, watch)
+        trainer.module.train(arguments, console, watch)
     except optuna.TrialPruned:
         study.tell(trial, state=states.PRUNED)
     except UserError:  # it has diverged
@@ -220,17 +243,14 @@ def _one(asked: Search, optuna: Any, study: Any, module: ModuleType, usual: Any,
         study.tell(trial, best["success_rate"] + RETURN_SHARE * best["episode_return"])
 
 
-def command_of(asked: Search, chosen: Mapping[str, Any]) -> str:
+def command_of(asked: Search, trainer: Trainer, chosen: Mapping[str, Any]) -> str:
     """A training with these settings."""
     words = ["python", "-m", TRAINERS[asked.algo], "--env-id", asked.env_id]
     words += ["--env-keywords", asked.env_keywords] if asked.env_keywords != "{}" else []
-    words += ["--total-timesteps", str(asked.total_timesteps)] if asked.total_timesteps else []
-    for name, value in chosen.items():
-        words += [f"--{name.replace('_', '-')}", *(map(str, value) if isinstance(value, list) else [f"{value}"])]
-    return shlex.join(words)
+    return shlex.join([*words, *trainer.words(chosen)])
 
 
-def record(asked: Search, optuna: Any, study: Any) -> dict[str, Any]:
+def record(asked: Search, optuna: Any, study: Any, trainer: Trainer) -> dict[str, Any]:
     """What is written down."""
     best, states = _best(optuna, study), optuna.trial.TrialState
     if best is None:
@@ -248,7 +268,7 @@ def record(asked: Search, optuna: Any, study: Any) -> dict[str, Any]:
         "settings": best.user_attrs["settings"],
         "success_rate_on_selection_starts": best.user_attrs["success_rate"],
         "seed": FIRST_SEED + best.number,
-        "train": command_of(asked, best.user_attrs["settings"]),
+        "train": command_of(asked, trainer, best.user_attrs["settings"]),
         "best_trials": [{"trial": one.number, **one.user_attrs} for one in finished[:10]],
     }
 

@@ -85,7 +85,7 @@ def saved_starts(env: gym.Env, driven: dict[str, list[Episode]], seed: int, path
 
 
 def learning_curves(curves: list[Path], env_id: str, lines: dict[str, float], path: Path) -> None:
-    """Success while training, one line per seed, beside the drivers' shares on the starts of the table."""
+    """Success on the starts that select, one line per seed, beside the drivers' shares on those of the table."""
     figure = new_figure(7.5, 3.8)
     axis = figure.subplots()
     for k, curve in enumerate(curves):

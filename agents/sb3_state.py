@@ -86,13 +86,12 @@ def most_bytes(model: BaseAlgorithm) -> int:
     return numbers + model.n_envs * 8 * 1000 + LONGEST_STATISTICS * 32 + 2_000_000
 
 
-def put(model: BaseAlgorithm, state: State) -> bool:
+def put(model: BaseAlgorithm, arrays: Arrays) -> bool:
     """Put a state into a fresh model that is made alike; gives whether the environment's state was in it, too.
 
     Raises:
         ValueError: an array is missing, has another shape or type than this model's, or a value that cannot be.
     """
-    arrays = Arrays(state)
     take = arrays.take
     counters = take("counters", np.int64, len(COUNTERS))
     if np.any(counters < 0):

@@ -34,7 +34,7 @@ RUN = files.table(
 
 @dataclass
 class Args:
-    """Train with several seeds and compare with LQR and the uncontrolled car."""
+    """Train with several seeds, take the best policy of each, compare with LQR and the uncontrolled car."""
 
     env_id: str = "BicycleLaneChange-v0"
     """Environment id."""
@@ -127,7 +127,8 @@ def main() -> int:
     trainings = []
     for place in folders:
         run = files.read_json(place / "run.json", RUN)
-        trainings.append({key: run[key] for key in ("seed", "timesteps", "seconds")})
+        # Runs of earlier revisions, whose policy is the last, have no "best".
+        trainings.append({key: run[key] for key in ("seed", "timesteps", "seconds", "best") if key in run})
     whole = aggregate(seeds)
     algo = args.algo.upper()
     rows = {**controllers, **{f"{algo}, seed {k}": row for k, row in enumerate(seeds)}}

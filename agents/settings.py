@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +20,11 @@ from bicycle_env.files import (
     one_of,
     parse_json,
     read_toml,
+    shown,
     table,
     text,
     whole_in,
+    write_bytes,
 )
 from bicycle_env.physics.validation import flag
 
@@ -224,3 +227,17 @@ def read(env_id: str, algo: str, config: Path | None = None) -> Settings:
         raise UserError(f"not a settings file: {error}") from None
     except (TypeError, ValueError) as error:
         raise UserError(f"{path}: {error}") from None
+
+
+def write(path: Path, algo: str, chosen: Settings, remark: str) -> None:
+    """A settings file of one algorithm, with a remark at its top: what :func:`read` takes as `config`."""
+    tables = {
+        algo: {"total_timesteps": chosen.total_timesteps, "n_envs": chosen.n_envs},
+        f"{algo}.model": chosen.model,
+        f"{algo}.network": chosen.network,
+    }
+    lines = [f"# {shown(remark, 1000)}"]
+    for name, content in tables.items():
+        # JSON's numbers, truth values, words and lists are TOML's, too.
+        lines += ["", f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in content.items())]
+    write_bytes(path, ("\n".join(lines) + "\n").encode())

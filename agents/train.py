@@ -2,10 +2,11 @@
 
     python -m agents.train --env-id BicycleStab-v0 --algo ppo --seed 0 --out runs/stab-ppo
 
-The run's folder then holds: policy.safetensors and policy.json (the policy, as data), run.json (settings, versions,
-git revision, seed, resumes), curve.csv (learning curve), tensorboard/, checkpoint/ (for --resume) and a lock. A run
-that was stopped and goes on gives the policy of one that was not, to the bit, on one machine with one set of versions;
-where that cannot be, a remark and run.json say why.
+The run's folder then holds: policy.safetensors and policy.json (as data, the best policy of the run by success on 500
+starts of their own), run.json (settings, versions, git revision, seed, resumes, how good the best is), curve.csv (the
+deterministic policy on these starts, twenty times over the run and at its end), tensorboard/ (SB3's own figures, of the
+training episodes), checkpoint/ (for --resume) and a lock. A run that was stopped and goes on gives the policy of one
+that was not, to the bit, on one machine with one set of versions; where that cannot be, a remark and run.json say why.
 """
 
 from __future__ import annotations
@@ -23,23 +24,21 @@ from rich.console import Console
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
 from stable_baselines3.common.noise import NormalActionNoise
-from stable_baselines3.common.utils import safe_mean
 from stable_baselines3.common.vec_env import VecMonitor
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import export, messages, old_checkpoint, sb3_state, settings, stopping
+from agents import export, messages, old_checkpoint, sb3_state, settings, stopping, trained, training
 from agents.evaluate import environment, make_vector_env, parse_keywords
 from agents.messages import UserError
 from agents.run_folder import CURVE_HEADER, Folder, begun, changes, earlier_record, held, refuse_run
-from bicycle_env import provenance
+from agents.state_arrays import Arrays
+from bicycle_env import control, optimum, provenance
 from bicycle_env.backends import announcements
 from bicycle_env.files import FileError, shown
 from bicycle_env.wrappers import SB3VecEnv
 
 __all__ = ["CURVE_HEADER", "Args", "build", "train"]
 
-CHECKPOINTS = 10
-CURVE_POINTS = 100
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 
 
@@ -96,15 +95,31 @@ def build(args: Args, chosen: settings.Settings, keywords: dict[str, Any], tenso
 
 
 class Record(BaseCallback):
-    """Writes the learning curve and checkpoints while training.
+    """Assesses, keeps the best policy and writes checkpoints while training.
 
-    When points and checkpoints are due follows from the steps alone, so a resumed run has those of a straight one.
+    When that is due follows from the steps alone, so a resumed run has the points and checkpoints of a straight one.
+
+    Args:
+        folder: of the run.
+        total: steps at which it ends.
+        made_by: versions, machine and revision.
+        identity: what the policy's file says of its origin.
+        selection: chooses the best policy.
+        watch: sees each point of the learning curve.
     """
 
-    def __init__(self, folder: Folder, total: int, made_by: dict[str, Any]) -> None:
+    def __init__(
+        self,
+        folder: Folder,
+        total: int,
+        made_by: dict[str, Any],
+        identity: dict[str, Any],
+        selection: training.Selection,
+        watch: training.Watch | None,
+    ) -> None:
         super().__init__()
         self.folder, self.total, self.made_by = folder, total, made_by
-        self.curve: list[str] = []
+        self.identity, self.selection, self.watch = identity, selection, watch
         self.seconds_before, self.start = 0.0, time.perf_counter()
         self.request = stopping.Request()
         self.saved_at = 0
@@ -114,58 +129,60 @@ class Record(BaseCallback):
         return self.seconds_before + time.perf_counter() - self.start
 
     def _on_step(self) -> bool:
-        if self._due(CURVE_POINTS, self._last_point) and self.model.ep_info_buffer:
-            self.add_point(self.model)
-        return True
-
-    @property
-    def _last_point(self) -> int:
-        return int(self.curve[-1].partition(",")[0]) if self.curve else 0
+        return True  # what SB3 wants to hear; all is done between two rollouts
 
     def _due(self, points: int, last: int) -> bool:
         every = max(1, self.total // points)
         return self.model.num_timesteps // every > last // every
 
-    def add_point(self, model: BaseAlgorithm) -> None:
-        """A row of the learning curve, unless this step has one."""
-        if model.ep_info_buffer and model.num_timesteps > self._last_point:
-            self.curve.append(curve_row(model, self.seconds))
-
     def at_rollout(self) -> bool:
         """Between two rollouts, the only place where a run can be taken up again; False ends the training here."""
-        if self.request.number is not None or self._due(CHECKPOINTS, self.saved_at):
+        if self._due(training.ASSESSMENTS, self.selection.last):
+            self.assess(self.model)
+        if self.request.number is not None or self._due(training.CHECKPOINTS, self.saved_at):
             self.save(self.model)
         return self.request.number is None
 
+    def assess(self, model: BaseAlgorithm) -> None:
+        """A point of the learning curve, unless this step has one; UserError if the training has diverged."""
+        if self.selection.last == model.num_timesteps:
+            return
+        self.refuse_diverged(model)
+        description = self.identity | {"timesteps": model.num_timesteps}
+        policy = export.network(model, self.identity["algo"], description)
+        self.selection.assess(policy, model.num_timesteps, self.seconds, self.watch)
+
     def save(self, model: BaseAlgorithm) -> None:
         """Write a checkpoint; UserError if the training has diverged, which leaves the last one in place."""
-        refuse_diverged(model)
+        self.refuse_diverged(model)
         progress = {
             "timesteps": model.num_timesteps,
             "total_timesteps": self.total,
             "seconds": round(self.seconds, 1),
-            "curve": self.curve,
+            "curve": self.selection.curve,
             **self.made_by,
         }
-        self.folder.save(progress, sb3_state.collect(model))
+        self.folder.save(progress, {**sb3_state.collect(model), **self.selection.state()})
         self.saved_at = model.num_timesteps
 
+    def refuse_diverged(self, model: BaseAlgorithm) -> None:
+        """UserError if weights are not finite."""
+        if not sb3_state.finite(model):
+            raise training.diverged(self.folder.path, model.num_timesteps, self.saved_at)
 
-def refuse_diverged(model: BaseAlgorithm) -> None:
-    if not sb3_state.finite(model):
-        raise UserError(
-            f"training has diverged: after {model.num_timesteps} steps weights are not finite; a smaller learning_rate "
-            "may help"
-        )
+    def take_up_selection(self, arrays: Arrays, curve: list[str], model: BaseAlgorithm) -> bool:
+        """Put back the best policy so far; False where a checkpoint of an earlier revision has none.
 
+        The curve of such a one was of the training episodes, and is left out: a file has one meaning.
+        """
+        if "best" not in arrays:
+            return False
 
-def curve_row(model: BaseAlgorithm, seconds: float) -> str:
-    """One line of the learning curve: means over the last 100 training episodes."""
-    episodes = model.ep_info_buffer or []
-    success = safe_mean(model.ep_success_buffer or [0.0])
-    mean_return = safe_mean([episode["r"] for episode in episodes])
-    length = safe_mean([episode["l"] for episode in episodes])
-    return f"{model.num_timesteps},{seconds:.1f},{success:.4f},{mean_return:.3f},{length:.1f}"
+        def network(layers: training.Layers, timesteps: int) -> control.Network:
+            return export.of_layers(model, self.identity["algo"], layers, self.identity | {"timesteps": timesteps})
+
+        self.selection.take_up(arrays, curve, network)
+        return True
 
 
 def load_checkpoint(folder: Folder, model: BaseAlgorithm, record: Record) -> str:
@@ -181,23 +198,27 @@ def load_checkpoint(folder: Folder, model: BaseAlgorithm, record: Record) -> str
         progress = folder.progress(place)
         old = "digest" not in progress
         if old:
-            state = old_checkpoint.read(place, model, progress["timesteps"])
+            arrays = Arrays(old_checkpoint.read(place, model, progress["timesteps"]))
         else:
-            state = folder.arrays(place, progress["digest"], sb3_state.most_bytes(model))
-        with_env = sb3_state.put(model, state)
+            arrays = Arrays(folder.arrays(place, progress["digest"], sb3_state.most_bytes(model)))
+        selected = record.take_up_selection(arrays, progress["curve"], model)
+        with_env = sb3_state.put(model, arrays)
         if model.num_timesteps != progress["timesteps"]:
             raise FileError(f"{place}: has {progress['timesteps']} steps, its arrays {model.num_timesteps}")
-        refuse_diverged(model)
+        if not sb3_state.finite(model):
+            raise FileError(f"{place}: has weights that are not finite")
     except (ValueError, OSError) as error:
-        raise UserError(f"--resume: the checkpoint is damaged: {shown(error)}") from None
-    record.curve, record.seconds_before = list(progress["curve"]), progress["seconds"]
-    record.saved_at = model.num_timesteps
+        raise training.damaged(error) from None
+    record.seconds_before, record.saved_at = progress["seconds"], model.num_timesteps
     if old:
         return "the checkpoint is of an earlier revision and lacks the generators and the cars' state"
     reasons = [] if with_env else [sb3_state.NO_SNAPSHOT]
+    if not selected:
+        reasons.append("the checkpoint is of an earlier revision, and the best policy is chosen from here on")
     reasons += changes(progress, record.made_by)
-    if progress["total_timesteps"] != record.total and decays(model):
-        reasons.append(f"the decaying learning rate was to end at {progress['total_timesteps']} steps")
+    if progress["total_timesteps"] != record.total:
+        what = "the decaying learning rate was" if decays(model) else "the policies to choose from were those of a run"
+        reasons.append(f"{what} to end at {progress['total_timesteps']} steps")
     return shown("; ".join(reasons))
 
 
@@ -206,8 +227,8 @@ def decays(model: BaseAlgorithm) -> bool:
     return bool(model.lr_schedule(0.25) != model.lr_schedule(0.75))
 
 
-def train(args: Args, console: Console) -> Path:
-    """Train as the arguments say; gives the run's folder."""
+def train(args: Args, console: Console, watch: training.Watch | None = None) -> Path:
+    """Train as the arguments say; gives the run's folder. `watch` sees each point of the learning curve."""
     keywords = parse_keywords(args.env_keywords)
     environment(args.env_id)
     chosen = settings.read(args.env_id, args.algo, args.config)
@@ -235,7 +256,10 @@ def train(args: Args, console: Console) -> Path:
             refuse_run(path)  # another training may have begun meanwhile
         total = args.total_timesteps or chosen.total_timesteps
         made_by = provenance.collect()
-        record = Record(folder, total, {name: made_by[name] for name in ("versions", "machine", "git")})
+        of_one_car = {name: value for name, value in keywords.items() if name not in trained.OF_TRAINING}
+        selection = training.Selection(optimum.Cars(args.env_id, of_one_car))
+        origin = {name: made_by[name] for name in ("versions", "machine", "git")}
+        record = Record(folder, total, origin, identity, selection, watch)
         description = {
             **identity,
             "total_timesteps": total,
@@ -262,13 +286,15 @@ def train(args: Args, console: Console) -> Path:
                 )
         folder.write_record(description)
         _learn(model, record, args.quiet, fresh=not goes_on)
-        record.add_point(model)
+        record.assess(model)
         record.save(model)
-        export.network(model, args.algo, identity | {"timesteps": model.num_timesteps}).save(path)
+        best = selection.save(path)
         spent = {"timesteps": model.num_timesteps, "seconds": round(record.seconds, 1)}
-        folder.write_record({**description, "finished": True, **spent})
+        folder.write_record({**description, "finished": True, **spent, "best": best})
         model.get_env().close()
-    _summary(console, args, path, model, record.seconds)
+    name = f"{args.algo.upper()} on {args.env_id}, seed {args.seed}"
+    words = selection.summary(name, args.env_id, model.num_timesteps, record.seconds, path)
+    console.print(words, highlight=False, soft_wrap=True)
     return path
 
 
@@ -284,7 +310,7 @@ def _learn(model: BaseAlgorithm, record: Record, quiet: bool, fresh: bool) -> No
         try:
             model.learn(remaining, callback=CallbackList(callbacks), reset_num_timesteps=fresh)
         except ValueError:
-            refuse_diverged(model)  # SB3 and the environment refuse what is not finite, each in its own words
+            record.refuse_diverged(model)  # SB3 and the environment refuse what is not finite, each in its own words
             raise
         if record.request.number is not None:
             if record.saved_at < model.num_timesteps:  # it came in the last rollout
@@ -293,21 +319,6 @@ def _learn(model: BaseAlgorithm, record: Record, quiet: bool, fresh: bool) -> No
                 record.request.number,
                 f"stopped at {model.num_timesteps} steps; go on with the same command and --resume",
             )
-
-
-def _summary(console: Console, args: Args, folder: Path, model: BaseAlgorithm, seconds: float) -> None:
-    success = safe_mean(model.ep_success_buffer or [float("nan")])
-    console.print(
-        f"\n{args.algo.upper()} on {args.env_id}, seed {args.seed}: {model.num_timesteps:,} steps in {seconds:.0f} s "
-        f"({model.num_timesteps / max(seconds, 1e-9):,.0f} steps/s)\n"
-        f"success in the last {len(model.ep_success_buffer or [])} training episodes, exploration on: "
-        f"{100 * success:.0f} %\n"
-        f"policy and record of the run: {folder}\n"
-        f"evaluate it, with the keywords of its training: python -m agents.evaluate --env-id {args.env_id} "
-        f"--policy {folder} lqr zero",
-        highlight=False,
-        soft_wrap=True,
-    )
 
 
 def main() -> None:

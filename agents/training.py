@@ -2,7 +2,7 @@
 
 A trainer asks :class:`Run` between two of its updates, where nothing is half done: what is due is written, and a run
 that was stopped and goes on from there gives the policy of one that was not, to the bit, on one machine with one set of
-versions.
+versions. agents.train, whose loop is Stable-Baselines3's, takes :class:`Selection` alone.
 """
 
 from __future__ import annotations
@@ -83,6 +83,87 @@ def damaged(error: Exception) -> UserError:
     return UserError(f"--resume: the checkpoint is damaged: {shown(error)}")
 
 
+def diverged(folder: Path, timesteps: int, saved_at: int) -> UserError:
+    """What is said of a training whose weights are not finite after so many steps; its last checkpoint is before."""
+    kept = f"the last good one, of {saved_at} steps, is kept" if saved_at else "there is none yet"
+    return UserError(
+        f"training has diverged: after {timesteps} steps weights are not finite; a smaller learning_rate may help. Of "
+        f"the checkpoints in {folder} {kept}"
+    )
+
+
+class Selection:
+    """A run's learning curve and its best policy: by success on starts of their own, by the mean return between equals.
+
+    Assessing draws nothing from a generator of the training's: the cars and their starts are its own.
+    """
+
+    def __init__(self, cars: optimum.Cars) -> None:
+        self._cars, self._seeds = cars, start_seeds(SELECTED, SELECTION_SEED, "select")
+        self.curve: list[str] = []
+        self.policy: control.Network | None = None
+        """The best so far; None before the first is assessed."""
+        self.best = (-1.0, 0.0, 0)  # less than any: success is at least 0
+        """Its success, its mean return, and after how many steps it was."""
+
+    @property
+    def last(self) -> int:
+        """After how many steps the curve's last point is; 0 if it has none."""
+        return int(self.curve[-1].partition(",")[0]) if self.curve else 0
+
+    def assess(self, policy: control.Network, timesteps: int, seconds: float, watch: Watch | None = None) -> None:
+        """A point of the curve; the policy is kept if it is the best so far."""
+        drives = control.on_base(policy, self._cars.plant, "policy")
+        outcomes = optimum.drive(self._cars.of(len(self._seeds)), optimum.by(drives), self._seeds)
+        success, mean_return, length = (float(np.mean(column)) for column in np.take(outcomes, (0, 2, 3), axis=0))
+        self.curve.append(f"{timesteps},{seconds:.1f},{success:.4f},{mean_return:.3f},{length:.1f}")
+        if (success, mean_return) > self.best[:2]:
+            self.best, self.policy = (success, mean_return, timesteps), policy
+        if watch is not None:
+            watch(timesteps, success, mean_return)
+
+    def state(self) -> State:
+        """The best policy, as a checkpoint holds it; its curve stands in progress.json."""
+        kept = {} if self.policy is None else {f"best.{name}": array for name, array in self.policy.arrays().items()}
+        return {**kept, "best": np.array(self.best, np.float64)}
+
+    def take_up(self, arrays: Arrays, curve: list[str], network: Callable[[Layers, int], control.Network]) -> None:
+        """Put back what :meth:`state` gave; ValueError for what it cannot have given.
+
+        Args:
+            arrays: of a checkpoint.
+            curve: of its progress.json.
+            network: gives the policy of these layers, which it had after so many steps.
+        """
+        success, mean_return, when = arrays.take("best", np.float64, 3).tolist()
+        layers: Layers = []
+        while (name := f"best.layer{len(layers)}") + ".weight" in arrays:
+            weight = arrays.take(f"{name}.weight", np.float32, ANY, ANY)
+            layers.append((weight, arrays.take(f"{name}.bias", np.float32, ANY)))
+        self.best, self.curve = (success, mean_return, int(when)), list(curve)
+        self.policy = network(layers, int(when)) if layers else None
+
+    def save(self, folder: Path) -> dict[str, Any]:
+        """Write the best policy into a folder; gives what the run's record says of it."""
+        if self.policy is None:
+            raise ValueError("a run must be assessed before it finishes")
+        self.policy.save(folder)
+        success, mean_return, when = self.best
+        figures = {"success_rate": success, "episode_return": mean_return}
+        return {"timesteps": when, **figures, "starts": len(self._seeds)}
+
+    def summary(self, name: str, env_id: str, timesteps: int, seconds: float, folder: Path) -> str:
+        """What is said at the end of a run: how good the best is, where it is, how it is evaluated."""
+        success, _, when = self.best
+        return (
+            f"{name}: {timesteps:,} steps in {seconds:.0f} s; the best policy, "
+            f"after {when:,} of them, saves {100.0 * success:.1f} % of the {len(self._seeds)} starts that chose it\n"
+            f"policy and record of the run: {folder}\n"
+            f"evaluate it, with the keywords of its training: python -m agents.evaluate --env-id {env_id} "
+            f"--policy {folder}"
+        )
+
+
 class Run:
     """A training under way: made by :func:`run_in`.
 
@@ -94,14 +175,11 @@ class Run:
     """
 
     def __init__(self, folder: Folder, plan: Plan, cars: optimum.Cars, manner: Mapping[str, Any]) -> None:
-        self._folder, self._plan, self._cars, self._manner = folder, plan, cars, manner
-        self._seeds = start_seeds(SELECTED, SELECTION_SEED, "select")
+        self._folder, self._plan, self._manner = folder, plan, manner
+        self._names, self._selection = list(cars.plant.observation_names), Selection(cars)
         made_by = provenance.collect()
         self._made_by = {name: made_by[name] for name in ("versions", "machine", "git")}
         self.record = {**plan.identity, **made_by, "finished": False, "resumed": []}
-        self._curve: list[str] = []
-        self._policy: control.Network | None = None
-        self._best = (-1.0, 0.0, 0)  # less than any: success is at least 0
         self._saved_at, self._before, self._start = 0, 0.0, time.perf_counter()
         self.timesteps = 0
         """Control steps that all cars have driven."""
@@ -117,13 +195,13 @@ class Run:
     @property
     def best(self) -> tuple[float, float, int]:
         """Of the best policy: success and mean return on the starts that select, and after how many steps it was."""
-        return self._best
+        return self._selection.best
 
-    def network(self, layers: Layers) -> control.Network:
-        """A multilayer perceptron with tanh, without its base."""
-        names = list(self._cars.plant.observation_names)
+    def network(self, layers: Layers, timesteps: int | None = None) -> control.Network:
+        """A multilayer perceptron with tanh, without its base, as it was after so many steps; by default it is now's."""
+        steps = self.timesteps if timesteps is None else timesteps
         identity = {name: value for name, value in self._plan.identity.items() if name != "settings"}
-        description = {**identity, "timesteps": self.timesteps, "observation_names": names, **self._manner}
+        description = {**identity, "timesteps": steps, "observation_names": self._names, **self._manner}
         return control.Network(layers, "tanh", "clip", description)
 
     def after_update(
@@ -152,7 +230,7 @@ class Run:
         total = self._plan.total_timesteps
         over = timesteps >= total
         if over or _passed(before, timesteps, total, ASSESSMENTS):
-            self._assess(policy())
+            self._selection.assess(policy(), timesteps, self.seconds, self.watch)
         if over or self.request.number is not None or _passed(before, timesteps, total, CHECKPOINTS):
             self._save(state())
         if self.request.number is not None and not over:
@@ -166,8 +244,8 @@ class Run:
 
         def tell() -> None:
             words = f"{self._plan.env_id}, seed {self._plan.seed}"
-            if self._policy is not None:
-                words += f": best saves {100.0 * self._best[0]:.1f} %"
+            if self._selection.policy is not None:
+                words += f": best saves {100.0 * self.best[0]:.1f} %"
             bar.update(job, completed=self.timesteps, description=words)
 
         self._tell = tell
@@ -178,26 +256,15 @@ class Run:
         if self._saved_at != self.timesteps:
             self._save(state())
 
-    def _assess(self, policy: control.Network) -> None:
-        drives = control.on_base(policy, self._cars.plant, self._folder.path)
-        outcomes = optimum.drive(self._cars.of(SELECTED), optimum.by(drives), self._seeds)
-        success, mean_return, length = (float(np.mean(column)) for column in np.take(outcomes, (0, 2, 3), axis=0))
-        self._curve.append(f"{self.timesteps},{self.seconds:.1f},{success:.4f},{mean_return:.3f},{length:.1f}")
-        if (success, mean_return) > self._best[:2]:
-            self._best, self._policy = (success, mean_return, self.timesteps), policy
-        if self.watch is not None:
-            self.watch(self.timesteps, success, mean_return)
-
     def _save(self, state: State) -> None:
         progress = {
             "timesteps": self.timesteps,
             "total_timesteps": self._plan.total_timesteps,
             "seconds": round(self.seconds, 1),
-            "curve": self._curve,
+            "curve": self._selection.curve,
             **self._made_by,
         }
-        kept = {} if self._policy is None else {f"best.{name}": array for name, array in self._policy.arrays().items()}
-        self._folder.save(progress, {**state, **kept, "best": np.array(self._best, np.float64)})
+        self._folder.save(progress, {**state, **self._selection.state()})
         self._saved_at = self.timesteps
 
     def go_on(self, place: Path, before: Mapping[str, Any], console: Console) -> Arrays:
@@ -211,9 +278,11 @@ class Run:
             if "digest" not in progress:
                 raise FileError(f"{place}: of another kind of training")
             arrays = Arrays(self._folder.arrays(place, progress["digest"], LARGEST_STATE))
-            self._take_up(arrays, progress)
+            self._selection.take_up(arrays, progress["curve"], self.network)
         except (ValueError, OSError) as error:
             raise damaged(error) from None
+        self.timesteps = self._saved_at = progress["timesteps"]
+        self._before = progress["seconds"]
         if before["finished"]:
             raise UserError(f"--resume: the run has finished: {self.timesteps} steps")
         reasons = changes(progress, self._made_by)
@@ -224,36 +293,14 @@ class Run:
         self.record["resumed"] = [*before.get("resumed", []), entry]
         return arrays
 
-    def _take_up(self, arrays: Arrays, progress: Mapping[str, Any]) -> None:
-        success, mean_return, when = arrays.take("best", np.float64, 3).tolist()
-        self._best = (success, mean_return, int(when))
-        layers: Layers = []
-        while (name := f"best.layer{len(layers)}") + ".weight" in arrays:
-            weight = arrays.take(f"{name}.weight", np.float32, ANY, ANY)
-            layers.append((weight, arrays.take(f"{name}.bias", np.float32, ANY)))
-        self.timesteps = self._best[2]
-        self._policy = self.network(layers) if layers else None
-        self.timesteps = self._saved_at = progress["timesteps"]
-        self._curve, self._before = list(progress["curve"]), progress["seconds"]
-
     def finish(self, console: Console) -> None:
         """Write the best policy, and that the run has finished; say where, and how good it is."""
-        if self._policy is None:
-            raise ValueError("a run must be assessed before it finishes")
-        self._policy.save(self._folder.path)
+        best = self._selection.save(self._folder.path)
         spent = {"timesteps": self.timesteps, "seconds": round(self.seconds, 1)}
-        success, mean_return, when = self._best
-        best = {"timesteps": when, "success_rate": success, "episode_return": mean_return, "starts": SELECTED}
         self._folder.write_record({**self.record, "finished": True, **spent, "best": best})
-        plan = self._plan
-        console.print(
-            f"{plan.env_id}, seed {plan.seed}: {self.timesteps:,} steps in {self.seconds:.0f} s; the best policy, "
-            f"after {when:,} of them, saves {100.0 * success:.1f} % of the {SELECTED} starts that chose it\n"
-            f"policy and record of the run: {self._folder.path}\n"
-            f"evaluate it, with the keywords of its training: python -m agents.evaluate --env-id {plan.env_id} "
-            f"--policy {self._folder.path}",
-            soft_wrap=True,
-        )
+        name = f"{self._plan.env_id}, seed {self._plan.seed}"
+        words = self._selection.summary(name, self._plan.env_id, self.timesteps, self.seconds, self._folder.path)
+        console.print(words, soft_wrap=True)
 
 
 def _passed(before: int, now: int, total: int, points: int) -> bool:

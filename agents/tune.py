@@ -5,11 +5,13 @@
     python -m agents.tune --env-id BicycleActiveSteer-v0 --controller rear-switched --out runs/switched.json
 
     python -m agents.tune --algo native-ppo --env-id BicycleStab-v0 --trials 20      # a learner's settings, with Optuna
+    python -m agents.tune --algo sac --trials 20 --out runs/sac.json   # and runs/sac.toml, for agents.train --config
 
 The cross-entropy method over the controller's parameters (bicycle_env.optimum.tune), several times from random places,
 thousands of cars at once. The score is the success rate plus the mean reward per step. Candidates are scored on starts
 of their own, and the best is chosen on others; no evaluation uses either. With --algo the settings of a learner are
 searched instead: every trial is a training, in a study that goes on where it was stopped and that processes may share.
+The file says with which command to train by what was found.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from rich import box
 from rich.progress import Progress
 from rich.table import Table
 
-from agents import learner_tuning, messages
+from agents import learner_tuning, messages, settings
 from agents.episodes import start_seeds
 from agents.evaluate import console_for_tables, make_env, parse_keywords
 from agents.messages import UserError
@@ -52,9 +54,10 @@ class Args:
     seed: int = 0
     """Of the search and of its starts."""
     out: Path | None = None
-    """File for the parameters; by default runs/ENV_ID-CONTROLLER.json, with --algo runs/STUDY/tuning.json."""
-    algo: Literal["native-ppo", "policy-search", "jax-ppo"] | None = None
-    """A learner, in place of a controller."""
+    """File for the parameters; by default runs/ENV_ID-CONTROLLER.json, with --algo runs/STUDY/tuning.json. Settings of
+    Stable-Baselines3 stand beside it, with the ending .toml, as agents.train --config takes them."""
+    algo: Literal["native-ppo", "policy-search", "jax-ppo", "ppo", "sac", "td3"] | None = None
+    """A learner, in place of a controller; the last three are Stable-Baselines3's."""
     trials: int = 20
     """With --algo: how many the study is to have, those that it has already counted."""
     total_timesteps: int | None = None
@@ -141,8 +144,22 @@ def tune_learner(args: Args, algo: str) -> None:
     out = args.out or folder / "tuning.json"
     messages.check_output("--folder", folder, folder=True)
     messages.check_output("--out", out)
+    config = out.with_suffix(".toml")
+    if algo in settings.ALGORITHMS:
+        if config == out:
+            raise UserError("--out must not end in .toml: so does the settings file that stands beside it")
+        messages.check_output("--out", config)
     asked = learner_tuning.Search(
-        args.env_id, args.env_keywords, algo, args.trials, args.total_timesteps, args.seed, args.storage, study, folder
+        args.env_id,
+        args.env_keywords,
+        algo,
+        args.trials,
+        args.total_timesteps,
+        args.seed,
+        args.storage,
+        study,
+        folder,
+        config,
     )
     found = learner_tuning.search(asked)
     console = console_for_tables()
@@ -150,6 +167,7 @@ def tune_learner(args: Args, algo: str) -> None:
     command = f"python -m agents.tune --algo {algo} --env-id {args.env_id} --trials {args.trials} --seed {args.seed}"
     command += f" --total-timesteps {args.total_timesteps}" if args.total_timesteps else ""
     command += f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""
+    learner_tuning.trainer_of(asked).write(found["settings"], command)  # first: the record's command names it
     write_json(out, {"command": command, **found})
     console.print(f"settings: {out}; train with them, seeds of your own: {found['train']} --seed 0", soft_wrap=True)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import signal
@@ -13,16 +14,17 @@ import pytest
 import torch
 from rich.console import Console
 
-from agents import train
-from bicycle_env.files import read_arrays
+from agents import train, training
+from bicycle_env.files import pack_arrays, read_arrays
 
 CONFIG = Path(__file__).parent / "short_runs.toml"
 
 
-def start(algo, folder, resume=False, stop_at=None, number=signal.SIGTERM, console=None, **changes):
+def start(algo, folder, resume=False, stop_at=None, number=signal.SIGTERM, console=None, watch=None, **changes):
     """Train; a signal arrives in the middle of the rollout in which `stop_at` is reached."""
     args = replace(train.Args(algo=algo, seed=3, out=folder, quiet=True, config=CONFIG, resume=resume), **changes)
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "SELECTED", 16)
         patch.setattr(os, "fsync", lambda _: None)  # dozens of them take long on a busy disk
         if stop_at is not None:
             on_step, sent = train.Record._on_step, []
@@ -33,7 +35,7 @@ def start(algo, folder, resume=False, stop_at=None, number=signal.SIGTERM, conso
                 return on_step(record)
 
             patch.setattr(train.Record, "_on_step", on_step_and_signal)
-        train.train(args, console or Console(quiet=True))
+        train.train(args, console or Console(quiet=True), watch)
     return folder
 
 
@@ -43,8 +45,20 @@ def arrays(folder):
     return {name: array for name, array in read_arrays(path).items() if name != "episodes.t"}
 
 
+def without_selection(folder):
+    """Write the run's checkpoint anew as revisions did whose run ended with the last policy."""
+    (path,) = (folder / "checkpoint").glob("state-*")
+    content = pack_arrays({name: array for name, array in read_arrays(path).items() if not name.startswith("best")})
+    path.unlink()
+    digest = hashlib.sha256(content).hexdigest()
+    (folder / "checkpoint" / f"state-{digest[:16]}.safetensors").write_bytes(content)
+    progress = json.loads((folder / "checkpoint" / "progress.json").read_text())
+    progress |= {"digest": digest, "curve": ["16,0.1,0.2500,-12.000,50.0"]}  # of training episodes
+    (folder / "checkpoint" / "progress.json").write_text(json.dumps(progress))
+
+
 def old_checkpoint(folder):
-    """Write the run's checkpoint anew as earlier revisions did."""
+    """Write the run's checkpoint anew as the first revisions did."""
     (path,) = (folder / "checkpoint").glob("state-*")
     found = read_arrays(path)
     state, parts = {}, {"policy": {}}

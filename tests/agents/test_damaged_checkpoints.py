@@ -186,6 +186,10 @@ def less(array):
     return array[:-1]
 
 
+def twice(array):
+    return np.concatenate((array, array))
+
+
 def bad(value):
     def change(array):
         array = array.copy()
@@ -277,6 +281,10 @@ DAMAGES = {
     "buffer cut": ("sac", in_arrays(buffer__rewards=less)),
     "buffer's place": ("sac", in_arrays(buffer__place=lambda _: np.array([10**6, 0]))),
     "entropy NaN": ("sac", in_arrays(log_ent_coef=bad(np.inf))),
+    "best of another width": ("ppo", in_arrays(best__layer0__weight=lambda a: a[:, :-1])),
+    "best with more actions": ("sac", in_arrays(best__layer1__weight=twice, best__layer1__bias=twice)),
+    "best without a bias": ("ppo", in_arrays(best__layer1__bias=None)),
+    "best a text": ("ppo", in_arrays(best=lambda a: a.astype(np.uint8))),
     # checkpoints of earlier revisions
     "old: empty": ("old-ppo", text("checkpoint/model.pt", b"")),
     "old: garbage": ("old-ppo", text("checkpoint/model.pt", b"PK\3\4" + b"x" * 1000)),

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
+import os
+import shlex
 import sys
 import types
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from combinations import some_of
+from rich.console import Console
 
-from agents import learner_tuning, policy_search, ppo, settings, tune
+from agents import learner_tuning, messages, policy_search, ppo, settings, train, training, tune
+from agents.learner_spaces import SPACES
 from agents.messages import UserError
 
 pytest.importorskip("optuna")
@@ -34,8 +38,8 @@ def trained(monkeypatch, tmp_path):
         if args.deviation > 0.25:
             raise UserError("diverged")
         args.out.mkdir(parents=True)
-        for k in range(1, 11):
-            watch(1000 * k, success * k / 10, 10.0 * success)
+        for k in range(1, 11):  # after updates whose length is each trial's own
+            watch(args.total_timesteps * k // 10 + len(calls), success * k / 10, 10.0 * success)
         best = {"success_rate": success, "episode_return": 10.0 * success}
         (args.out / "run.json").write_text(json.dumps({"best": best}))
 
@@ -67,7 +71,8 @@ def test_a_study_finds_the_better_goes_on_and_counts(trained, monkeypatch, capsy
     assert found["settings"]["deviation"] == best.deviation
     assert found["trials"]["complete"] + found["trials"]["pruned"] + found["trials"]["fail"] == 14
     assert found["trials"]["fail"] == sum(args.deviation > 0.25 for args in trained)
-    assert found["trials"]["pruned"] > 0
+    assert found["trials"]["pruned"] > 0, "trials are compared at the same share of their steps"
+    assert learner_tuning.POINTS == training.ASSESSMENTS
     assert f"--deviation {best.deviation}" in found["train"]
     assert "train with them" in capsys.readouterr().out
 
@@ -94,14 +99,60 @@ def test_a_study_is_of_one_setting(trained, monkeypatch):
         run(monkeypatch, "--trials", "2", "--study", "mine", "--env-id", "BicycleEvade-v0")
 
 
-@pytest.mark.parametrize("algo", learner_tuning.SPACES)
-def test_the_spaces_name_options_that_the_settings_allow(algo):
+def drawn(algo):
+    """Settings from the spaces, by chance."""
     optuna = pytest.importorskip("optuna")
     for seed in range(5):
         study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=seed))
-        chosen = {name: suggest(study.ask()) for name, suggest in learner_tuning.SPACES[algo].items()}
+        yield {name: suggest(study.ask()) for name, suggest in SPACES[algo].items()}
+
+
+@pytest.mark.parametrize("algo", settings.OWN)
+def test_the_spaces_name_options_that_the_settings_allow(algo):
+    for chosen in drawn(algo):
         for name, value in chosen.items():
             settings.OWN[algo][name](name, list(value) if isinstance(value, tuple) else value)
+
+
+def search_of(algo, folder, env_id=ID):
+    return learner_tuning.Search(env_id, "{}", algo, 1, None, 0, None, "mine", folder, folder / "found.toml")
+
+
+@pytest.mark.parametrize("algo", settings.ALGORITHMS)
+def test_what_the_spaces_draw_is_a_settings_file(algo, tmp_path):
+    trainer, shipped = learner_tuning.trainer_of(search_of(algo, tmp_path)), settings.read(ID, algo)
+    for chosen in drawn(algo):
+        trainer.write(chosen, "a command\nof two lines")
+        read = settings.read(ID, algo, tmp_path / "found.toml")
+        assert {**read.model, **read.network} == {**shipped.model, **shipped.network, **chosen}
+        assert (read.total_timesteps, read.n_envs) == (shipped.total_timesteps, shipped.n_envs)
+    if algo == "ppo":
+        for env_id in settings.CONFIGS.glob("*.toml"):  # or SB3 has a batch that is smaller than the others
+            assert settings.read(env_id.stem, algo).n_envs * 8 % 4096 == 0
+
+
+# PPO's 512 cars make more steps in a rollout than the others in a training.
+@pytest.mark.parametrize(("algo", "steps"), some_of([("ppo", 33_000), ("sac", 1200), ("td3", 1200)], [("sac", 1200)]))
+def test_the_settings_that_were_found_give_the_policy_that_was_found(algo, steps, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(training, "SELECTED", 16)
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+    words = ["--trials", "2", "--total-timesteps", str(steps), "--out", "found.json"]
+    monkeypatch.setattr(sys, "argv", ["tune", "--algo", algo, *words])
+    tune.main()
+    found = json.loads(Path("found.json").read_text())
+    command = f"python -m agents.train --env-id {ID} --algo {algo} --config found.toml"
+    assert found["train"] == command
+    assert f"{command} --seed 0" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", ["train", *shlex.split(command)[3:], "--seed", str(found["seed"]), "--quiet"])
+    monkeypatch.setattr(messages, "console", lambda: Console(quiet=True))
+    train.main()
+    again = Path(f"runs/{ID}-{algo}-{found['seed']}")
+    trial = Path(f"runs/{ID}-medium-{algo}/trial-{found['seed'] - learner_tuning.FIRST_SEED}")
+    assert (again / "policy.safetensors").read_bytes() == (trial / "policy.safetensors").read_bytes()
+    best = json.loads((again / "run.json").read_text())["best"]
+    assert best["success_rate"] == found["success_rate_on_selection_starts"]
+    assert best["starts"] == 16
 
 
 @pytest.mark.parametrize(
@@ -110,6 +161,10 @@ def test_the_spaces_name_options_that_the_settings_allow(algo):
         (["--trials", "0"], "--trials must be at least 1, got 0"),
         (["--storage", "nonsense"], "--storage: "),
         (["--total-timesteps", "0"], "--total-timesteps must be at least 1, got 0"),
+        (
+            ["--algo", "sac", "--total-timesteps", "1", "--out", "found.toml"],
+            "--out must not end in .toml",
+        ),
     ],
 )
 def test_a_mistake_is_one_line(words, text, trained, monkeypatch):
@@ -121,8 +176,19 @@ def test_a_mistake_is_one_line(words, text, trained, monkeypatch):
 def test_what_is_shipped_is_tried_first_as_far_as_the_spaces_hold_it(env_id):
     optuna = pytest.importorskip("optuna")
     usual = settings.usual(ppo.Args, "native-ppo", ["--env-id", env_id])
-    found = learner_tuning._enqueued(optuna, usual, "native-ppo")
+    found = learner_tuning._enqueued(optuna, vars(usual), "native-ppo")
     assert found["hold"] == usual.hold
     assert found["history"] == usual.history
-    beyond = learner_tuning._enqueued(optuna, dataclasses.replace(usual, width=77, hold=99), "native-ppo")
+    beyond = learner_tuning._enqueued(optuna, vars(usual) | {"width": 77, "hold": 99}, "native-ppo")
     assert not {"width", "hold"} & set(beyond)
+
+
+@pytest.mark.parametrize("algo", settings.ALGORITHMS)
+@pytest.mark.parametrize("env_id", [path.stem for path in settings.CONFIGS.glob("*.toml")])
+def test_the_first_trial_is_what_is_shipped(algo, env_id, tmp_path):
+    """What the file does not say, with the library's default; no weight of the entropy with the least that is tried."""
+    optuna = pytest.importorskip("optuna")
+    shipped = learner_tuning.trainer_of(search_of(algo, tmp_path, env_id)).shipped
+    found = optuna.trial.FixedTrial(learner_tuning._enqueued(optuna, shipped, algo))
+    for name, suggest in SPACES[algo].items():
+        assert suggest(found) == (1e-6 if name == "ent_coef" else pytest.approx(shipped[name], abs=1e-5))

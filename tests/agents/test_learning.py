@@ -57,7 +57,7 @@ TRAINERS = {"agents.ppo": with_ppo, "agents.policy_search": with_policy_search, 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("name", TRAINERS)
 def test_it_comes_to_the_known_optimum(name, tmp_path, monkeypatch):
-    """It misses a twentieth of what straight wheels miss, or less: the optimum is within chance of the targets drawn."""
+    """It misses a twentieth of what straight wheels miss, or less."""
     monkeypatch.setattr(training, "SELECTED", 256)
     TRAINERS[name](tmp_path / "run")
     cars = optimum.Cars(ENV_ID, {})

@@ -15,12 +15,12 @@ import pytest
 import torch
 from combinations import some_of
 from rich.console import Console
-from short_runs import arrays, old_checkpoint, start
+from short_runs import arrays, old_checkpoint, start, without_selection
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from agents import run_folder, sb3_state, stopping, train
+from agents import run_folder, sb3_state, stopping, train, training
 from agents.messages import UserError
-from bicycle_env import provenance
+from bicycle_env import control, provenance
 
 
 def curve(folder):
@@ -33,12 +33,21 @@ def resumes(folder):
     return json.loads((folder / "run.json").read_text())["resumed"]
 
 
+def learned_alike(one, other):
+    """Whether all that a further rollout depends on is the same, whichever policies were the best."""
+    a, b = ({name: v for name, v in arrays(run).items() if not name.startswith("best")} for run in (one, other))
+    return list(a) == list(b) and all(np.array_equal(a[name], b[name]) for name in a)
+
+
 def assert_equal(one, other):
     a, b = arrays(one), arrays(other)
     assert list(a) == list(b)
     assert [name for name in a if not np.array_equal(a[name], b[name])] == []
     assert curve(one) == curve(other)
-    assert (one / "policy.safetensors").read_bytes() == (other / "policy.safetensors").read_bytes()
+    for name in ("policy.safetensors", "policy.json"):
+        assert (one / name).read_bytes() == (other / name).read_bytes()
+    first, second = (json.loads((run / "run.json").read_text())["best"] for run in (one, other))
+    assert first == second
 
 
 ALGORITHMS = ("ppo", "sac", "td3")
@@ -123,18 +132,66 @@ def test_another_seed_gives_other_bits(straight, tmp_path):
     assert (other / "policy.safetensors").read_bytes() != (whole / "policy.safetensors").read_bytes()
 
 
-def test_a_longer_run_is_exact_only_without_a_decaying_rate(tmp_path):
+def test_a_longer_run_says_what_is_other_than_in_one_that_was_to_be_as_long(tmp_path):
+    """Without a decaying rate the learner is the same to the bit, but other policies of it were to be chosen from."""
     said = io.StringIO()
-    for algo, exact, half in (("ppo", False, 512), ("sac", True, 240)):
+    rate, chosen = "the decaying learning rate was", "the policies to choose from were those of a run"
+    for algo, half, words in (("ppo", 512, rate), ("sac", 240, chosen)):
         folder, total = start(algo, tmp_path / algo, total_timesteps=half), 2 * half
         start(algo, folder, resume=True, total_timesteps=total, console=Console(file=said))
         whole = start(algo, tmp_path / f"{algo}-straight", total_timesteps=total)
         (entry,) = resumes(folder)
-        assert entry["exact"] is exact
-        same = (folder / "policy.safetensors").read_bytes() == (whole / "policy.safetensors").read_bytes()
-        assert same is exact
-        assert ("decaying learning rate" in entry.get("reason", "")) is not exact
-    assert said.getvalue().count("note: the run goes on, but not to the bit") == 1
+        assert entry == {"at": half, "exact": False, "reason": f"{words} to end at {half} steps"}
+        assert learned_alike(folder, whole) is (algo == "sac")
+    assert said.getvalue().count("note: the run goes on, but not to the bit") == 2
+
+
+@ppo_first
+def test_assessing_changes_nothing_of_what_is_learned(straight, tmp_path, monkeypatch):
+    algo, whole = straight
+    monkeypatch.setattr(training, "ASSESSMENTS", 1)
+    folder = start(algo, tmp_path / "run")
+    assert len(curve(folder)) <= 1 + 1 < len(curve(whole))
+    assert learned_alike(folder, whole)
+
+
+def test_the_best_policy_is_kept_and_not_the_last(tmp_path, monkeypatch):
+    at_rollout = train.Record.at_rollout
+
+    def spoil(record):
+        if record.num_timesteps > 600:
+            with torch.no_grad():
+                record.model.policy.action_net.weight.fill_(100.0)
+        return at_rollout(record)
+
+    monkeypatch.setattr(train.Record, "at_rollout", spoil)
+    with pytest.raises(stopping.Stopped):
+        start("ppo", tmp_path / "run", stop_at=900)
+    folder = start("ppo", tmp_path / "run", resume=True)
+    best, (_, *rows) = json.loads((folder / "run.json").read_text())["best"], curve(folder)
+    assert best["timesteps"] <= 600 < int(rows[-1][0])
+    assert best["episode_return"] > max(float(row[2]) for row in rows if int(row[0]) > 600)
+    assert np.max(np.abs(control.load(folder).arrays()["layer1.weight"])) < 1.0
+
+
+def test_who_watches_sees_the_curve_and_may_end_the_run(tmp_path):
+    class EnoughError(Exception):
+        pass
+
+    def watch(*point):
+        seen.append(point)
+        if len(seen) == 3:
+            raise EnoughError
+
+    seen = []
+    with pytest.raises(EnoughError):
+        start("ppo", tmp_path / "run", watch=watch)
+    assert not (tmp_path / "run" / "policy.json").exists()
+    folder = start("ppo", tmp_path / "whole", watch=lambda *point: seen.append(point))
+    assert seen[:3] == seen[3:6]
+    assert [f"{steps},{success:.4f},{gained:.3f}" for steps, success, gained in seen[3:]] == [
+        ",".join(row[:3]) for row in curve(folder)[1:]
+    ]
 
 
 def test_an_environment_without_snapshot(tmp_path, monkeypatch):
@@ -207,6 +264,24 @@ def test_a_checkpoint_of_an_earlier_revision_goes_on_with_a_remark(tmp_path, alg
 
 
 @ppo_first
+def test_a_checkpoint_of_before_the_best_was_kept_goes_on_to_the_bit_and_chooses_from_there(straight, tmp_path):
+    algo, whole = straight
+    total, folder = json.loads((whole / "run.json").read_text())["total_timesteps"], tmp_path / "run"
+    with pytest.raises(stopping.Stopped):
+        start(algo, folder, stop_at=total // 2)
+    without_selection(folder)
+    start(algo, folder, resume=True)
+    (entry,) = resumes(folder)
+    assert entry["exact"] is False
+    assert entry["reason"] == "the checkpoint is of an earlier revision, and the best policy is chosen from here on"
+    assert learned_alike(folder, whole)
+    header, *rows = curve(folder)
+    assert [header, *rows[-3:]] == [curve(whole)[0], *curve(whole)[-3:]]
+    assert int(rows[0][0]) >= entry["at"], "no point is of training episodes"
+    assert json.loads((folder / "run.json").read_text())["best"]["timesteps"] >= entry["at"]
+
+
+@ppo_first
 @pytest.mark.parametrize("resume", [True, False])
 @pytest.mark.parametrize("record", [None, "", "full"])
 def test_a_folder_that_was_killed_before_its_first_checkpoint_starts_from_the_beginning(
@@ -267,8 +342,10 @@ def test_a_training_that_diverges_is_one_line_and_keeps_its_last_checkpoint(tmp_
         return at_rollout(record)
 
     monkeypatch.setattr(train.Record, "at_rollout", spoil)
-    with pytest.raises(UserError, match=r"diverged: after \d+ steps"):
+    with pytest.raises(UserError, match=r"diverged: after 1024 steps .*, of (\d+) steps, is kept") as caught:
         start("ppo", tmp_path / "run")
     monkeypatch.undo()
+    progress = json.loads((tmp_path / "run" / "checkpoint" / "progress.json").read_text())
+    assert f"of {progress['timesteps']} steps, is kept" in str(caught.value)
     assert all(np.all(np.isfinite(array)) for array in arrays(tmp_path / "run").values())
     start("ppo", tmp_path / "run", resume=True)

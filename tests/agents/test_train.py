@@ -13,9 +13,10 @@ from rich.console import Console
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 import bicycle_env  # noqa: F401
-from agents import train
+from agents import train, training
+from agents.episodes import start_seeds
 from agents.messages import UserError
-from bicycle_env import control
+from bicycle_env import control, optimum
 from bicycle_env.envs.bicycle_stab import BicycleStabVectorEnv
 
 CONFIG = Path(__file__).parent / "short_runs.toml"
@@ -26,6 +27,13 @@ def quick(algo: str, folder: Path, **changes: object) -> train.Args:
     values = {"algo": algo, "seed": 3, "total_timesteps": STEPS[algo], "out": folder, "quiet": True}
     values |= {"config": CONFIG, **changes}
     return train.Args(**values)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_starts():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "SELECTED", 16)
+        yield
 
 
 @pytest.fixture(scope="module", params=["ppo", "sac", "td3"])
@@ -48,6 +56,7 @@ def test_a_run_folder_tells_what_the_run_was(run):
     header, *rows = (folder / "curve.csv").read_text().splitlines()
     assert header == train.CURVE_HEADER
     assert int(rows[-1].split(",")[0]) == content["timesteps"]
+    assert 5 < len(rows) <= training.ASSESSMENTS + 1, "as many as there are, but where a rollout is longer"
     assert any((folder / "tensorboard").rglob("events.*"))
 
 
@@ -66,6 +75,28 @@ def test_the_policy_loads_without_unpickling_and_drives(run, monkeypatch):
     assert action.shape == (2,)
     assert action.dtype == np.float32
     assert env.action_space.contains(action)
+
+
+def test_the_policy_is_the_best_of_the_curve_and_drives_as_the_record_says(run):
+    _, folder = run
+    best = json.loads((folder / "run.json").read_text())["best"]
+    rows = [list(map(float, row.split(","))) for row in (folder / "curve.csv").read_text().splitlines()[1:]]
+    steps, _, success, mean_return, _ = max(rows, key=lambda row: (row[2], row[3]))
+    assert (best["timesteps"], round(best["episode_return"], 3), best["starts"]) == (steps, mean_return, 16)
+    assert round(best["success_rate"], 4) == success
+    policy = control.load(folder)
+    assert policy.description["timesteps"] == steps
+    cars = optimum.Cars("BicycleStab-v0", {})
+    driven = optimum.drive(cars.of(16), optimum.by(policy), start_seeds(16, training.SELECTION_SEED, "select"))
+    assert np.mean(driven.success) == best["success_rate"]
+    assert np.mean(driven.episode_return) == best["episode_return"]
+
+
+def test_keywords_of_many_cars_are_not_those_of_the_starts_that_select(tmp_path):
+    folder = tmp_path / "run"
+    train.train(quick("ppo", folder, env_keywords='{"threads": 1, "max_episode_steps": 50}'), Console(quiet=True))
+    *_, length = (folder / "curve.csv").read_text().split(",")
+    assert 0.0 < float(length) <= 50.0
 
 
 def test_an_existing_run_is_not_overwritten(run):

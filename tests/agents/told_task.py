@@ -1,8 +1,8 @@
 """A tiny task whose optimum is known: every episode tells how far to steer, and pays a step later.
 
-A step's reward is ``1 - (last command / limit - target)^2``, so that what is done pays with the next step: of STEPS steps
-the first is paid for the zero before the start, and the last action for nothing. Best is the target at every step. With
-targets uniform within +-1/2 the mean return is then STEPS - 1/12, of straight wheels STEPS (1 - 1/12).
+A step's reward is ``1 - (last command / limit - target)^2``, so that what is done pays with the next step: of STEPS
+steps the first is paid for the zero before the start, and the last action for nothing. Best is the target at every
+step. With targets uniform within +-1/2 the mean return is then STEPS - 1/12, of straight wheels STEPS (1 - 1/12).
 """
 
 from __future__ import annotations
