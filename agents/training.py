@@ -198,7 +198,7 @@ class Run:
         return self._selection.best
 
     def network(self, layers: Layers, timesteps: int | None = None) -> control.Network:
-        """A multilayer perceptron with tanh, without its base, as it was after so many steps; by default it is now's."""
+        """A multilayer perceptron with tanh, without its base, as it was after so many steps; by default now's."""
         steps = self.timesteps if timesteps is None else timesteps
         identity = {name: value for name, value in self._plan.identity.items() if name != "settings"}
         description = {**identity, "timesteps": steps, "observation_names": self._names, **self._manner}
