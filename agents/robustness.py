@@ -51,6 +51,8 @@ NOISE = (0.0, 0.005, 0.01, 0.02, 0.04)
 UNITS = {"action_delay": "control steps more", "noise": "rad/s on the yaw rate"}
 STEP = 1e-3
 """Of an entry of the observation, for the Jacobian."""
+MOST_DELAY = 50
+"""Control steps of delay that are tried, for the largest that leaves straight running stable."""
 ODD = 1e-3
 """Difference from an odd policy, of full steer, that is named."""
 CLASSICAL = "classical"
@@ -184,15 +186,37 @@ def at_rest(plant: Any, policy: Policy) -> dict[str, Any] | None:
     A = np.vstack((np.hstack((model.A, np.zeros((len(model.A), axles)))), zeros))
     B = np.vstack((model.B, np.eye(axles)))
     loop = Loop(A, B, -np.hstack((known, last)), model.timestep, model.input_names)
-    poles = np.linalg.eigvals(loop.A - loop.B @ loop.C)
-    poles = poles[np.argsort(-np.abs(poles))]
+    poles = eigenvalues(loop, 0)
     stable = bool(np.abs(poles[0]) < 1.0)
     return {
         "eigenvalues": [[float(pole.real), float(pole.imag)] for pole in poles],
         "stable": stable,
         "slowest_time_constant": -model.timestep / math.log(abs(poles[0])) if stable else None,
         "margins": {name: finite(one._asdict()) for name, one in margins(loop).items()} if stable else None,
+        "delay": next((steps for steps in range(MOST_DELAY) if np.abs(eigenvalues(loop, steps + 1)[0]) >= 1.0), None)
+        if stable
+        else None,
     }
+
+
+def eigenvalues(loop: Loop, delay: int) -> NDArray[np.complex128]:
+    """Of the closed loop, the largest first, where all actions arrive so many control steps late."""
+    states, axles = loop.B.shape
+    A = np.zeros((states + delay * axles,) * 2)
+    A[:states, :states] = loop.A
+    acting = states + (delay - 1) * axles  # the oldest action under way
+    if delay:
+        A[:states, acting:] = loop.B
+        A[states : states + axles, :states] = -loop.C
+        A[states + axles :, states:acting] = np.eye(acting - states)
+        # What the policy sees as its last action is the one given, not the one that arrives.
+        own = slice(states - axles, states)
+        A[own] = 0.0
+        A[own, :states] = -loop.C
+    else:
+        A -= loop.B @ loop.C
+    found: NDArray[np.complex128] = np.linalg.eigvals(A)
+    return found[np.argsort(-np.abs(found))]
 
 
 def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
@@ -232,7 +256,9 @@ def sentences(name: str, row: Mapping[str, Any]) -> list[str]:
         f"{limit(None if one['phase'] is None else math.degrees(one['phase']), ' deg')}"
         for axle, one in rest["margins"].items()
     )
-    return [*said, f"{name}: stable at straight running, slowest mode {rest['slowest_time_constant']:.2f} s; {bears}"]
+    late = limit(rest["delay"], " control steps late")
+    slowest = f"slowest mode {rest['slowest_time_constant']:.2f} s"
+    return [*said, f"{name}: stable at straight running, {slowest}, up to {late}; {bears}"]
 
 
 def draw(found: Mapping[str, Any], environment: str, path: Path) -> None:

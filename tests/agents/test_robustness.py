@@ -52,6 +52,22 @@ def test_the_margins_of_lqr_are_those_of_its_design():
     assert found["slowest_time_constant"] == pytest.approx(-model.timestep / math.log(poles[0]), rel=1e-2)
 
 
+def after_a_while(delay):
+    """How far the linear car is from straight running after 2000 steps, with LQR, whose actions come late."""
+    model = ENV.linear_model()
+    state, under_way = np.full(len(model.A), 1e-3), [np.zeros(2)] * delay
+    for _ in range(2000):
+        under_way.append(-LQR.gain @ state)
+        state = model.A @ state + model.B @ under_way.pop(0)
+    return np.abs(state).max()
+
+
+def test_the_delay_that_straight_running_bears_is_the_one_after_which_it_is_left():
+    delay = robustness.at_rest(ENV, LQR)["delay"]
+    assert after_a_while(delay) < 1e-6
+    assert after_a_while(delay + 1) > 1.0
+
+
 def test_who_is_unstable_or_not_odd_is_named():
     rest = robustness.at_rest(ENV, Turned())
     assert not rest["stable"]
