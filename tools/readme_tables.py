@@ -379,6 +379,80 @@ def trainings() -> str:
     return "\n".join([benchmark_tables.trainings(result["cells"].values()), "", made(result, more)])
 
 
+def cards() -> list[dict[str, Any]]:
+    """What agents.robustness has found of the policies that ship."""
+    return [read(path.name) for path in sorted((ROOT / "results").glob("robustness-*.json"))]
+
+
+CHANGES = {
+    "mass": ("mass", (0, -1)),
+    "yaw_inertia": ("yaw inertia", (0, -1)),
+    "stiffness": ("cornering stiffness", (0, -1)),
+    "speed": ("speed", (0, -1)),
+    "friction": ("friction", (0, 1, -1)),
+    "action_delay": ("steps late", (2, 3, 4)),
+    "noise": ("yaw rate's noise [rad/s]", (3, 4)),
+}
+"""Of a card, what a table shows: its words, and which of the values."""
+
+
+def robustness() -> str:
+    """Success of each policy that ships, and of the best classical controller, where one quantity is another."""
+    found = cards()
+    changes = {name: change for card in found for name, change in card["changes"].items()}
+    heads = ["as it was made for"]
+    for name, (words, places) in CHANGES.items():
+        factor = "" if name in ("action_delay", "noise") else "x "
+        heads.append(f"{words} {factor}" + ", ".join(f"{changes[name]['values'][k]:g}" for k in places))
+    lines = ["| success [%] | driver | " + " | ".join(heads) + " |", "|---" * (len(heads) + 2) + "|"]
+    widest = 0.0
+    for card in found:
+        for driver in card["policies"]:
+            rates = {name: change["policies"][driver] for name, change in card["changes"].items()}
+            cells = [f"{100 * rates['action_delay'][0]['success_rate']['value']:.1f}"]
+            for name, (_, places) in CHANGES.items():
+                rows = [rates[name][k]["success_rate"] for k in places] if name in rates else []
+                cells.append(", ".join(f"{100 * row['value']:.1f}" for row in rows) or "-")
+                widest = max([widest, *((row["interval"][1] - row["interval"][0]) / 2 for row in rows)])
+            lines.append(f"| `{card['env_id']}` {card['level']} | {driver} | " + " | ".join(cells) + " |")
+    apart = max(row["asymmetry"] for card in found for row in card["policies"].values())
+    more = (
+        f"{found[0]['starts']} starts from seed {found[0]['seed']}, the same for all; 95 % intervals of at most "
+        f"{100 * widest:.1f} points to either side. Mirror images are answered up to {apart:.3f} of full steer apart. "
+        "`results/robustness-ID-LEVEL.json`, each with its command."
+    )
+    words = "python -m agents.robustness --env-id ID --level LEVEL --policy pretrained classical"
+    return "\n".join([*lines, "", made({**found[0], "command": words}, more)])
+
+
+def margins() -> str:
+    """Of who acts on the present state alone: what straight running bears."""
+    heads = ["slowest mode [s]", "front wheels: gain", "phase [deg]", "rear wheels: gain", "phase [deg]"]
+    heads += ["steps late that are borne", "driven: success with so many, one more [%]"]
+    lines = ["| straight running | driver | " + " | ".join(heads) + " |", "|---" * (len(heads) + 2) + "|"]
+    for card in cards():
+        for driver, row in card["policies"].items():
+            if row["at_rest"] is None:
+                continue
+            rest = row["at_rest"]
+            place = f"| `{card['env_id']}` {card['level']} | {driver} | "
+            if not rest["stable"]:
+                lines.append(place + "**unstable**" + " | -" * (len(heads) - 1) + " |")
+                continue
+            cells = [f"{rest['slowest_time_constant']:.2f}"]
+            for axle in ("front_steer_command", "rear_steer_command"):
+                one = rest["margins"][axle]
+                most = "any" if one["gain_increase"] is None else f"{one['gain_increase']:.1f}"
+                cells.append(f"x {one['gain_decrease']:.2f} to {most}")
+                cells.append("any" if one["phase"] is None else f"{one['phase'] * DEGREES:.0f}")
+            late = card["changes"]["action_delay"]
+            driven = dict(zip(late["values"], late["policies"][driver], strict=True))
+            rates = [driven[steps]["success_rate"] for k in (0, 1) if (steps := rest["delay"] + k) in driven]
+            cells += [str(rest["delay"]), ", ".join(f"{100 * rate['value']:.1f}" for rate in rates)]
+            lines.append(place + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 def summary() -> str:
     """Of each id without a level: nobody, classical, learned, and what the searches found."""
     parts, cells = read("headroom.json")["settings"], read("benchmark.json")["cells"]
@@ -507,6 +581,8 @@ TABLES = {
         alignment,
         benchmark,
         trainings,
+        robustness,
+        margins,
         summary,
         fast,
         ablations,
