@@ -28,7 +28,7 @@ from agents import benchmark_tables  # noqa: E402
 
 PAGES = (
     *("README.md", "docs/performance.md", "docs/levels.md", "docs/headroom.md", "docs/reward.md"),
-    *("docs/learning.md", "docs/results.md", "docs/libraries.md"),
+    *("docs/learning.md", "docs/results.md", "docs/libraries.md", "docs/scaling.md"),
 )
 DEGREES = 57.29577951308232
 BEYOND = "peak_sideslip_beyond_0.3"
@@ -199,6 +199,28 @@ def tensors_table(file: str) -> str:
         first = max(row["first_steps_seconds"].values())
         lines.append(f"| {how}, {row['device']}, {row['dtype']} | {rates} | {first:.1f} s |")
     return "\n".join([*lines, "", made(result, f"one thread; GPU: {result['gpu']}. `results/{file}`.")])
+
+
+def scaling() -> str:
+    """Trainings side by side."""
+    result = read("scaling.json")
+    heads = ["steps per second, each", "together", "efficiency", "with the start"]
+    lines = ["| trainings at a time | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    for row in result["rows"]:
+        cells = [f"{row['steps_per_second'] / row['at_once']:,.0f}", f"{row['steps_per_second']:,}"]
+        cells += [f"{row['of_as_many']:.0%}", f"{row['with_the_start']:,}"]
+        lines.append(f"| {row['at_once']} | " + " | ".join(cells) + " |")
+    one = result["rows"][0]
+    load = result["load_before"]
+    more = (
+        f"`agents.ppo` on `{result['env_id']}`, {result['steps']:,} steps each, the best of {result['rounds']}. "
+        f"{one['cars']} cars alone, without a learner, make {result['cars_alone']:,} steps per second on one core: of "
+        f"a training's second they take {one['steps_per_second'] / result['cars_alone']:.1%}. "
+        + (f"Load of the machine before: {load:.1f}. " if load is not None else "")
+        + "`results/scaling.json`."
+    )
+    quick = "**A quick run: it shows that the command works, and says nothing about the machine.** "
+    return "\n".join([*lines, "", quick * result["quick"] + made(result, more)])
 
 
 def percent(row: dict[str, Any] | None) -> str:
@@ -569,6 +591,7 @@ TABLES = {
         one_car,
         tensors,
         gpu,
+        scaling,
         headroom,
         headroom_controllers,
         headroom_saved,

@@ -52,20 +52,35 @@ def test_the_margins_of_lqr_are_those_of_its_design():
     assert found["slowest_time_constant"] == pytest.approx(-model.timestep / math.log(poles[0]), rel=1e-2)
 
 
-def after_a_while(delay):
+class Damped(Policy):
+    """LQR, less a part of the last action that it gave."""
+
+    name = "damped"
+    part = -0.6
+
+    def act(self, observation):
+        names = ["front_steer_command", "rear_steer_command"]
+        places = [list(ENV.observation_names).index(name) for name in names]
+        last = observation[places] * ENV.observation_scale[places] / ENV.linear_model().input_scale
+        return LQR.act(observation) + np.float32(self.part) * last
+
+
+def after_a_while(part, delay):
     """How far the linear car is from straight running after 2000 steps, with LQR, whose actions come late."""
-    model = ENV.linear_model()
-    state, under_way = np.full(len(model.A), 1e-3), [np.zeros(2)] * delay
+    model, last = ENV.linear_model(), np.zeros(2)
+    state, under_way = np.full(len(model.A), 1e-3), [last] * delay
     for _ in range(2000):
-        under_way.append(-LQR.gain @ state)
+        last = -LQR.gain @ state + part * last
+        under_way.append(last)
         state = model.A @ state + model.B @ under_way.pop(0)
     return np.abs(state).max()
 
 
-def test_the_delay_that_straight_running_bears_is_the_one_after_which_it_is_left():
-    delay = robustness.at_rest(ENV, LQR)["delay"]
-    assert after_a_while(delay) < 1e-6
-    assert after_a_while(delay + 1) > 1.0
+@pytest.mark.parametrize(("policy", "part"), [(LQR, 0.0), (Damped(), Damped.part)])
+def test_the_delay_that_straight_running_bears_is_the_one_after_which_it_is_left(policy, part):
+    delay = robustness.at_rest(ENV, policy)["delay"]
+    assert after_a_while(part, delay) < 1e-6
+    assert after_a_while(part, delay + 1) > 1.0
 
 
 def test_who_is_unstable_or_not_odd_is_named():
