@@ -10,7 +10,7 @@ CONTROLLERS := zero lqr lqr-continuous scheduled-lqr pole-placement lqg mpc prev
 	stanley+yaw-rate
 GYMNASIUM_VERSIONS := 1.1.1 1.2.2 1.4.0
 
-.PHONY: help demo test test-all test-browser lint docs lock stab lane-change controllers headroom mpc entry-speed alignment learning tensors results benchmark benchmark-vector compat rllib gymnasium-versions clean
+.PHONY: help demo test test-all test-browser lint docs lock stab lane-change controllers headroom mpc entry-speed alignment learning robustness scaling tensors results benchmark benchmark-vector compat rllib gymnasium-versions clean
 
 help:
 	@echo "make demo                train, compare with LQR, draw: runs/demo.json and runs/demo/ (pictures, one moving)"
@@ -28,6 +28,8 @@ help:
 	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json"
 	@echo "make alignment           does the reward ask for what success judges: runs/alignment.json, .png (10 minutes)"
 	@echo "make learning            every learner on every id and level, and ablations: runs/benchmark.json, .png (hours; goes on where it stopped)"
+	@echo "make robustness          what the policies that ship bear, beside classical controllers: runs/robustness-*.json, .png (15 minutes)"
+	@echo "make scaling             trainings side by side, from one to the cores: runs/scaling.json (minutes; on a quiet machine)"
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
 	@echo "make tensors             TorchVectorEnv beside the native environment: runs/torch_env.json"
@@ -110,12 +112,22 @@ learning: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.benchmark --out $(OUT)/benchmark.json
 	$(BIN)/python -m agents.benchmark --plan ablations --out $(OUT)/ablations.json
 
+# Of the policies that ship, as BicycleStab-v0-medium.
+robustness: $(VENV)/.installed-demo
+	for name in $(notdir $(wildcard bicycle_env/policies/Bicycle*)); do \
+		$(BIN)/python -m agents.robustness --env-id $${name%-*} --level $${name##*-} --policy pretrained classical \
+			--json $(OUT)/robustness-$$name.json || exit 1; \
+	done
+
+scaling: $(VENV)/.installed-demo
+	$(BIN)/python benchmarks/scaling.py --json $(OUT)/scaling.json
+
 tensors: $(VENV)/.installed-demo
 	$(BIN)/python benchmarks/torch_env.py --json $(OUT)/torch_env.json
 
 # A row of the benchmarks that falls short here stands in its table, marked: the rest is made all the same.
 results:
-	$(MAKE) OUT=results demo stab lane-change controllers headroom mpc entry-speed alignment learning tensors
+	$(MAKE) OUT=results demo stab lane-change controllers headroom mpc entry-speed alignment learning robustness scaling tensors
 	-$(MAKE) OUT=results benchmark
 	-$(MAKE) OUT=results benchmark-vector
 	mv results/performance.png docs/performance.png

@@ -37,8 +37,6 @@ from bicycle_env.optimum import Outcomes
 
 STARTS, REPORT_SEED = 2000, 1
 """That report: no policy, no setting and no checkpoint is chosen on them."""
-NEAR = 0.02
-"""Of success, within which a training is said to have come to the best found."""
 LEARNERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "native-ppo": ("agents.ppo", ()),
     "policy-search": ("agents.policy_search", ()),
@@ -48,11 +46,10 @@ LEARNERS: dict[str, tuple[str, tuple[str, ...]]] = {
 """The module that trains, and options of its command line."""
 QUICK_SEEDS, QUICK_SHARE = 2, 0.1
 FIGURES = ("success_rate", "on_road_rate", "episode_return")
+SCORES = ("score", "regret")
+"""By the headroom study of the day."""
 PROFILE = [round(0.01 * k, 2) for k in range(101)]
 """Success rates of which it is told how many seeds reach them."""
-LARGEST = 50_000_000
-"""Bytes of a results file."""
-CONTENT = files.table({"cells": files.mapping(files.mapping(files.anything))}, others=True)
 
 
 class Cell(NamedTuple):
@@ -217,7 +214,7 @@ def measured(cell: Cell, folders: list[Path]) -> dict[str, Any]:
         **cell._asdict(),
         "classical": {"controller": classical["controller"], "success_rate": share(theirs.success)},
         "trainings": seeds,
-        "over_seeds": {key: over_seeds([one[key]["value"] for one in seeds]) for key in FIGURES},
+        "over_seeds": all_over_seeds(seeds),
         "better_than_classical": {"value": iqm(difference.mean(axis=1)), "interval": stratified(difference)},
         "profile": [float(np.mean([one.success.mean() >= level for one in found])) for level in PROFILE],
     }
@@ -239,9 +236,15 @@ def one_seed(folder: Path, outcomes: Outcomes, known: scores.Known | None) -> di
     if known is not None:
         success = figures["success_rate"]["value"]
         figures |= {"score": known.score(success), "regret": known.regret(figures["episode_return"]["value"])}
-        near = [seconds for _, seconds, rate in figures["curve"] if rate >= known.reference_success - NEAR]
-        figures["seconds_to_reference"] = near[0] if near else None
+        figures["seconds_to_reference"] = known.seconds_to_reference(figures["curve"])
     return figures
+
+
+def all_over_seeds(seeds: list[dict[str, Any]]) -> dict[str, Any]:
+    """Of all figures; of score and regret where there is one."""
+    figures = {key: over_seeds([one[key]["value"] for one in seeds]) for key in FIGURES}
+    there = [key for key in SCORES if seeds[0].get(key) is not None]
+    return {**figures, **{key: over_seeds([one[key] for one in seeds]) for key in there}}
 
 
 def over_seeds(values: list[float]) -> dict[str, Any]:
@@ -273,22 +276,28 @@ def known_classical(cell: Cell) -> dict[str, Any]:
 def shown(cells: dict[str, dict[str, Any]]) -> Table:
     """For people."""
     table = Table(
-        box=box.SIMPLE_HEAD, title=f"{STARTS} starts, the same for all; interquartile mean over seeds [95 % interval]"
+        box=box.SIMPLE_HEAD,
+        collapse_padding=True,
+        title=f"{STARTS} starts, the same for all; interquartile mean over seeds [95 % interval]",
     )
-    for heading in ("id and level", "learner", "seeds", "success [%]", "best classical [%]", "better by [points]",
-                    "return", "seconds"):  # fmt: skip
-        table.add_column(heading, justify="left" if heading in ("id and level", "learner") else "right", no_wrap=True)
+    words = ("id and level", "learner")
+    for heading in (*words, "seeds", "success [%]", "better by\n[points]", "than the best\nclassical [%]",
+                    "on road\n[%]", "score", "seconds"):  # fmt: skip
+        table.add_column(heading, justify="left" if heading in words else "right", no_wrap=True)
     for cell in cells.values():
-        success, better = cell["over_seeds"]["success_rate"], cell["better_than_classical"]
+        figures = cell["over_seeds"]
         seconds = np.median([one["seconds"] for one in cell["trainings"]])
+        known = scores.known_of(cell["env_id"], cell["level"])
+        score = None if known is None else known.score(figures["success_rate"]["value"])
         table.add_row(
             f"{cell['env_id']} {cell['level']}",
             cell["variant"] or cell["learner"],
             str(len(cell["trainings"])),
-            interval(success, 100.0),
+            interval(figures["success_rate"], 100.0),
+            interval(cell["better_than_classical"], 100.0),
             f"{100.0 * cell['classical']['success_rate']['value']:.1f} {cell['classical']['controller']}",
-            interval(better, 100.0),
-            interval(cell["over_seeds"]["episode_return"], 1.0),
+            f"{100.0 * figures['on_road_rate']['value']:.1f}",
+            "-" if score is None else f"{score:.2f}",
             f"{seconds:.0f}",
         )
     return table
@@ -316,7 +325,7 @@ def main() -> None:
     train_all(jobs, args)
     before: dict[str, Any] = {}
     if out.is_file():
-        before = files.read_json(out, CONTENT, LARGEST)["cells"]
+        before = benchmark_picture.read(out)
     made_by = provenance.collect()
     for cell in cells:
         folders = [job.folder for job in jobs if job.cell == cell]

@@ -1,18 +1,20 @@
 """How much a policy bears: success on other cars, roads and signals than its own, and its margins at straight running.
 
     python -m agents.robustness --env-id BicycleStab-v0 --policy pretrained lqr
+    python -m agents.robustness --env-id BicycleActiveSteer-v0 --level hard --policy pretrained classical
 
 Every policy is made for the nominal environment and then drives others, one quantity changed at a time, from the same
 starts: mass, yaw inertia, cornering stiffness and speed, friction, a delay of the action, noise on what is observed.
 Where a policy acts on the present observation alone, which shows the car's states (BicycleStab-v0), its Jacobian at
 straight running gives closed-loop eigenvalues, gain and phase margins of each axle, as of a linear controller; a policy
-that is not odd there, or not stable, is named. Written: runs/robustness-ENV_ID.json and .png.
+that is not odd there, or not stable, is named. Written: runs/robustness-ENV_ID-LEVEL.json and .png.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -22,12 +24,12 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from agents import messages
+from agents import messages, scores
 from agents.episodes import start_seeds
 from agents.evaluate import find_policy, make_env, parse_keywords
 from agents.messages import UserError
 from agents.statistics import mean, share
-from bicycle_env import Sensors, files, optimum, provenance
+from bicycle_env import Sensors, control, files, optimum, provenance
 from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.control import Policy
 from bicycle_env.control.design.margins import Loop, margins
@@ -49,8 +51,12 @@ NOISE = (0.0, 0.005, 0.01, 0.02, 0.04)
 UNITS = {"action_delay": "control steps more", "noise": "rad/s on the yaw rate"}
 STEP = 1e-3
 """Of an entry of the observation, for the Jacobian."""
+MOST_DELAY = 50
+"""Control steps of delay that are tried, for the largest that leaves straight running stable."""
 ODD = 1e-3
 """Difference from an odd policy, of full steer, that is named."""
+CLASSICAL = "classical"
+"""As a policy's name: the level's best classical controller, with the parameters that agents.headroom found."""
 
 
 @dataclass
@@ -60,15 +66,37 @@ class Args:
     env_id: str = "BicycleStab-v0"
     """Environment id."""
     policy: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME|FOLDER [...]")] = ("pretrained", "lqr")
-    """As for agents.evaluate."""
+    """As for agents.evaluate; "classical" is the best classical controller, tuned for the level, of
+    results/headroom.json."""
+    level: str | None = None
+    """Of the nominal environment: easy, medium or hard."""
     env_keywords: str = "{}"
-    """Keywords of the nominal environment as JSON."""
+    """Further keywords of the nominal environment as JSON."""
     starts: int = 500
     """Of each point, the same for all; the first of those that report."""
     seed: int = 1
     """Seed of these starts."""
     json: Path | None = None
-    """Where the figures go, the picture beside them; by default runs/robustness-ENV_ID.json."""
+    """Where the figures go, the picture beside them; by default runs/robustness-ENV_ID-LEVEL.json, of an
+    environment of no level runs/robustness-ENV_ID.json."""
+
+
+def named(names: Sequence[str], env: Any) -> dict[str, Policy]:
+    """The policies, by the names that tables give them; UserError for one that is not to be had."""
+    plant, found = env.unwrapped, dict[str, Policy]()
+    for name in names:
+        if name != CLASSICAL:
+            found[name] = find_policy(name, env)
+            continue
+        part = None if plant.scored_level is None else scores.part_of(plant.spec.id, plant.scored_level)
+        if part is None:
+            raise UserError(f"--policy {CLASSICAL}: {scores.FILE} knows no controller tuned for this environment")
+        driver = part["classical"]["driver"]
+        row = part["drivers"][driver]
+        found[driver] = control.make(row["controller"], plant, parameters=row["parameters"])
+    if not found:
+        raise UserError("--policy must name at least one policy")
+    return found
 
 
 def stated(plant: Any, keywords: Mapping[str, Any]) -> dict[str, Any]:
@@ -158,15 +186,37 @@ def at_rest(plant: Any, policy: Policy) -> dict[str, Any] | None:
     A = np.vstack((np.hstack((model.A, np.zeros((len(model.A), axles)))), zeros))
     B = np.vstack((model.B, np.eye(axles)))
     loop = Loop(A, B, -np.hstack((known, last)), model.timestep, model.input_names)
-    poles = np.linalg.eigvals(loop.A - loop.B @ loop.C)
-    poles = poles[np.argsort(-np.abs(poles))]
+    poles = eigenvalues(loop, 0)
     stable = bool(np.abs(poles[0]) < 1.0)
     return {
         "eigenvalues": [[float(pole.real), float(pole.imag)] for pole in poles],
         "stable": stable,
         "slowest_time_constant": -model.timestep / math.log(abs(poles[0])) if stable else None,
         "margins": {name: finite(one._asdict()) for name, one in margins(loop).items()} if stable else None,
+        "delay": next((steps for steps in range(MOST_DELAY) if np.abs(eigenvalues(loop, steps + 1)[0]) >= 1.0), None)
+        if stable
+        else None,
     }
+
+
+def eigenvalues(loop: Loop, delay: int) -> NDArray[np.complex128]:
+    """Of the closed loop, the largest first, where all actions arrive so many control steps late."""
+    states, axles = loop.B.shape
+    A = np.zeros((states + delay * axles,) * 2)
+    A[:states, :states] = loop.A
+    acting = states + (delay - 1) * axles  # the oldest action under way
+    if delay:
+        A[:states, acting:] = loop.B
+        A[states : states + axles, :states] = -loop.C
+        A[states + axles :, states:acting] = np.eye(acting - states)
+        # What the policy sees as its last action is the one given, not the one that arrives.
+        own = slice(states - axles, states)
+        A[own] = 0.0
+        A[own, :states] = -loop.C
+    else:
+        A -= loop.B @ loop.C
+    found: NDArray[np.complex128] = np.linalg.eigvals(A)
+    return found[np.argsort(-np.abs(found))]
 
 
 def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
@@ -206,12 +256,14 @@ def sentences(name: str, row: Mapping[str, Any]) -> list[str]:
         f"{limit(None if one['phase'] is None else math.degrees(one['phase']), ' deg')}"
         for axle, one in rest["margins"].items()
     )
-    return [*said, f"{name}: stable at straight running, slowest mode {rest['slowest_time_constant']:.2f} s; {bears}"]
+    late = limit(rest["delay"], " control steps late")
+    slowest = f"slowest mode {rest['slowest_time_constant']:.2f} s"
+    return [*said, f"{name}: stable at straight running, {slowest}, up to {late}; {bears}"]
 
 
-def draw(found: Mapping[str, Any], env_id: str, path: Path) -> None:
+def draw(found: Mapping[str, Any], environment: str, path: Path) -> None:
     """A panel for each quantity: success against it."""
-    figure = new_figure(12.0, 6.2, f"{env_id}: what the policies bear that were made for the nominal car and road")
+    figure = new_figure(12.0, 6.2, f"{environment}: what the policies bear that were made for the nominal car and road")
     axes = figure.subplots(2, 4, sharey=True)
     for axis, (quantity, part) in zip(axes.flat, found.items(), strict=False):
         for k, (name, rows) in enumerate(part["policies"].items()):
@@ -235,14 +287,17 @@ def draw(found: Mapping[str, Any], env_id: str, path: Path) -> None:
 def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.robustness", description=__doc__)
     messages.check_least(args, starts=1, seed=0)
-    out = args.json or Path("runs") / f"robustness-{args.env_id}.json"
-    messages.check_output("--json", out)
     keywords = parse_keywords(args.env_keywords)
+    if args.level is not None:
+        if keywords.get("level", args.level) != args.level:
+            raise UserError(f"--level {args.level}: --env-keywords says level {keywords['level']}")
+        keywords |= {"level": args.level}
     env: Any = make_env(args.env_id, keywords)
-    policies = {name: find_policy(name, env) for name in args.policy}
-    if not policies:
-        raise UserError("--policy must name at least one policy")
     plant = env.unwrapped
+    place = "-".join(filter(None, ("robustness", args.env_id, plant.scored_level)))
+    out = args.json or Path("runs") / f"{place}.json"
+    messages.check_output("--json", out)
+    policies = named(args.policy, env)
     rows = {
         name: {"asymmetry": asymmetry(plant, one), "at_rest": at_rest(plant, one)} for name, one in policies.items()
     }
@@ -252,11 +307,15 @@ def main() -> None:
     for name, row in rows.items():
         for line in sentences(name, row):
             console.print(line)
-    command = f"python -m agents.robustness --env-id {args.env_id} --policy {' '.join(args.policy)}"
-    command += f" --env-keywords '{args.env_keywords}'" if args.env_keywords != "{}" else ""
-    origin = {"command": command, **provenance.collect(), "env_id": args.env_id, "starts": args.starts}
-    files.write_json(out, {**origin, "seed": args.seed, "policies": rows, "changes": found})
-    draw(found, args.env_id, out.with_suffix(".png"))
+    words = ["python", "-m", "agents.robustness", "--env-id", args.env_id]
+    words += ["--level", args.level] if args.level else []
+    words += ["--policy", *args.policy, *(["--env-keywords", args.env_keywords] if args.env_keywords != "{}" else [])]
+    words += [word for name in ("starts", "seed") if getattr(args, name) != getattr(Args, name)
+              for word in (f"--{name}", str(getattr(args, name)))]  # fmt: skip
+    origin = {"command": shlex.join(words), **provenance.collect(), "env_id": args.env_id, "level": plant.scored_level}
+    content = {**origin, "starts": args.starts, "seed": args.seed, "policies": rows, "changes": found}
+    files.write_json(out, content)
+    draw(found, " ".join(filter(None, (args.env_id, plant.scored_level))), out.with_suffix(".png"))
     console.print(f"written: {out}, {out.with_suffix('.png').name}")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,8 @@ PART = table(
 )
 REACHED = 0.03
 """Room, a share of the starts, up to which the best classical controller is said to have reached the reference."""
+NEAR = 0.02
+"""Of success, within which a training is said to have come to the reference."""
 LARGEST = 10_000_000
 """Bytes."""
 
@@ -44,13 +46,23 @@ class Known(NamedTuple):
         """A share of the starts."""
         return self.reference_success - self.classical_success
 
+    @property
+    def has_score(self) -> bool:
+        """Whether there is room for one."""
+        return self.room > REACHED
+
     def score(self, success_rate: float) -> float | None:
         """0 as good as the best classical controller, 1 as the reference; None where no room is between them."""
-        return (success_rate - self.classical_success) / self.room if self.room > REACHED else None
+        return (success_rate - self.classical_success) / self.room if self.has_score else None
 
     def regret(self, episode_return: float) -> float:
         """How much return is missing to the best known."""
         return self.best_return - episode_return
+
+    def seconds_to_reference(self, curve: Iterable[Sequence[float]]) -> float | None:
+        """When a learning curve, rows of steps, seconds and success, first comes within NEAR; None if it does not."""
+        near = (seconds for _, seconds, success in curve if success >= self.reference_success - NEAR)
+        return next(near, None)
 
 
 def known(env: Any, path: Path = FILE) -> Known | None:
@@ -116,7 +128,7 @@ def sentences(found: Known, rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
         f"{found.reference} {100 * found.reference_success:.1f} %"
     )
     figures = scored(found, rows)
-    if found.room > REACHED:
+    if found.has_score:
         told = ", ".join(f"{name} {row['score']:.2f}{_between(found, rows[name])}" for name, row in figures.items())
         lines = [f"score: {told} (0 and 1: {places})"]
     else:

@@ -1,6 +1,7 @@
 """What the benchmarks measure against is the same car; and they run."""
 
 import importlib
+import json
 import shutil
 import subprocess
 import sys
@@ -44,9 +45,49 @@ def test_the_kernel_in_c_has_the_same_bits():
         np.testing.assert_array_equal(mine, theirs)
 
 
+def test_trainings_side_by_side_are_measured_from_one_to_the_cores(monkeypatch, tmp_path):
+    """Each number of them keeps its best round, and is compared with as many times one."""
+    scaling = importlib.import_module("scaling")
+    assert [scaling.counts_up_to(most) for most in (1, 2, 6, 8)] == [[1], [1, 2], [1, 2, 4, 6], [1, 2, 4, 8]]
+    rates = {1: [90, 100, 100], 3: [180, 240], 2: [160, 150]}  # the first: before anything is measured
+
+    def trained(at_once, steps, folder):
+        assert steps in (1, 7)
+        rate = rates[at_once].pop(0)
+        return {"at_once": at_once, "steps_per_second": rate, "with_the_start": rate, "cars": 8}
+
+    monkeypatch.setattr(scaling, "trained", trained)
+    monkeypatch.setattr(scaling, "cores", lambda: 2)
+    monkeypatch.setattr(scaling, "cars_alone", lambda cars: 1000 * cars)
+    path = tmp_path / "scaling.json"
+    monkeypatch.setattr("sys.argv", ["scaling.py", "--most", "3", "--steps", "7", "--json", str(path)])
+    assert scaling.main() == 0
+    content = json.loads(path.read_text())
+    assert [(row["at_once"], row["steps_per_second"], row["of_as_many"]) for row in content["rows"]] == [
+        (1, 100, 1.0),
+        (2, 160, 0.8),
+        (3, 240, 0.8),
+    ]
+    assert content["command"] == "python benchmarks/scaling.py --steps 7 --most 3"
+    assert content["cars_alone"] == 8000
+
+
+@pytest.mark.exhaustive
+def test_trainings_run_side_by_side(tmp_path):
+    row = importlib.import_module("scaling").trained(2, 1000, tmp_path)
+    assert row["steps_per_second"] == pytest.approx(sum(row["steps_per_second_each"]), abs=2)
+    assert 0 < row["with_the_start"] < row["steps_per_second"]
+
+
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(
-    "words", [("one_car.py", "--rounds", "1"), ("revisions.py", "--help"), ("vector_env.py", "--help")]
+    "words",
+    [
+        ("one_car.py", "--rounds", "1"),
+        ("scaling.py", "--help"),
+        ("revisions.py", "--help"),
+        ("vector_env.py", "--help"),
+    ],
 )
 def test_a_benchmark_runs(words, tmp_path):
     done = subprocess.run(

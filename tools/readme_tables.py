@@ -22,9 +22,13 @@ from bicycle_env.files import read_json
 from bicycle_env.registration import ENVIRONMENTS
 
 ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT))  # agents/ is no part of the package
+
+from agents import benchmark_tables  # noqa: E402
+
 PAGES = (
     *("README.md", "docs/performance.md", "docs/levels.md", "docs/headroom.md", "docs/reward.md"),
-    *("docs/learning.md", "docs/results.md", "docs/libraries.md"),
+    *("docs/learning.md", "docs/results.md", "docs/libraries.md", "docs/scaling.md"),
 )
 DEGREES = 57.29577951308232
 BEYOND = "peak_sideslip_beyond_0.3"
@@ -197,6 +201,28 @@ def tensors_table(file: str) -> str:
     return "\n".join([*lines, "", made(result, f"one thread; GPU: {result['gpu']}. `results/{file}`.")])
 
 
+def scaling() -> str:
+    """Trainings side by side."""
+    result = read("scaling.json")
+    heads = ["steps per second, each", "together", "efficiency", "with the start"]
+    lines = ["| trainings at a time | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    for row in result["rows"]:
+        cells = [f"{row['steps_per_second'] / row['at_once']:,.0f}", f"{row['steps_per_second']:,}"]
+        cells += [f"{row['of_as_many']:.0%}", f"{row['with_the_start']:,}"]
+        lines.append(f"| {row['at_once']} | " + " | ".join(cells) + " |")
+    one = result["rows"][0]
+    load = result["load_before"]
+    more = (
+        f"`agents.ppo` on `{result['env_id']}`, {result['steps']:,} steps each, the best of {result['rounds']}. "
+        f"{one['cars']} cars alone, without a learner, make {result['cars_alone']:,} steps per second on one core: of "
+        f"a training's second they take {one['steps_per_second'] / result['cars_alone']:.1%}. "
+        + (f"Load of the machine before: {load:.1f}. " if load is not None else "")
+        + "`results/scaling.json`."
+    )
+    quick = "**A quick run: it shows that the command works, and says nothing about the machine.** "
+    return "\n".join([*lines, "", quick * result["quick"] + made(result, more)])
+
+
 def percent(row: dict[str, Any] | None) -> str:
     return "-" if row is None else cell(row, "success_rate", 100)
 
@@ -351,37 +377,102 @@ def alignment() -> str:
     return "\n".join([*lines, "", made(result, more)])
 
 
-LEARNERS = {
-    "native-ppo": "PPO (`agents.ppo`)",
-    "policy-search": "evolution strategy (`agents.policy_search`)",
-    "sb3-ppo": "PPO (Stable-Baselines3)",
-    "sb3-sac": "SAC (Stable-Baselines3)",
-}
-
-
 def benchmark() -> str:
-    """Every learner on every id and level that was trained; the rows where learning loses stand first."""
-    result = read("benchmark.json")
-    heads = ["learner", "seeds", "success [%]", "of the seeds", "best classical, tuned", "better by [points]"]
-    heads += ["return", "million steps", "seconds"]
-    lines = ["| id and level | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
-    cells = result["cells"].values()
-    for part in sorted(cells, key=lambda one: one["better_than_classical"]["interval"][1] >= 0.0):
-        low, high = (100 * end for end in part["over_seeds"]["success_rate"]["range"])
-        classical = part["classical"]
-        seconds = [one["seconds"] for one in part["trainings"]]
-        steps = part["trainings"][0]["timesteps"] / 1e6
-        row = [LEARNERS[part["learner"]], str(len(part["trainings"])), cell(part["over_seeds"], "success_rate", 100)]
-        row += [f"{low:.1f} to {high:.1f}", f"{percent(classical)} `{classical['controller']}`"]
-        row += [cell(part, "better_than_classical", 100), cell(part["over_seeds"], "episode_return")]
-        row += [f"{steps:.0f}", f"{statistics.median(seconds):.0f}, {min(seconds):.0f} to {max(seconds):.0f}"]
-        lines.append(f"| `{part['env_id']}` {part['level']} | " + " | ".join(row) + " |")
+    """Every driver of every id and level on which something was trained; where learning loses stands first."""
+    result, planned = read("benchmark.json"), read("mpc.json")["settings"]
+    table = benchmark_tables.drivers(result["cells"].values(), read("headroom.json")["settings"], planned)
     more = (
-        f"{result['starts']} starts from seed {result['seed']}, the same for all; interquartile means over seeds, in "
-        "brackets 95 % intervals; seconds of one training on one core of a machine that did other work, too, the "
-        "median and the range; `results/benchmark.json`."
+        f"{result['starts']} starts from seed {result['seed']}, the same for all but MPC (the first 100 of them) and "
+        "the searches (the first 200; without knowing the first 64). In brackets 95 % intervals: of learners, which "
+        "stand with their interquartile mean, over seeds, and of the difference over seeds and starts; of all others "
+        "over starts. `results/benchmark.json`, `headroom.json`, `mpc.json`, each cell with its date and revision."
     )
-    return "\n".join([*lines, "", made(result, more)])
+    return "\n".join([table, "", made(result, more)])
+
+
+def trainings() -> str:
+    """What the seeds of each learner came to, and what they took."""
+    result = read("benchmark.json")
+    more = (
+        "seconds of one training on one core of a machine that did other work, too, the median and the range. To the "
+        "best found: until within two points of it on the learning curve, the median of the seeds that came there. "
+        "`results/benchmark.json`."
+    )
+    return "\n".join([benchmark_tables.trainings(result["cells"].values()), "", made(result, more)])
+
+
+def cards() -> list[dict[str, Any]]:
+    """What agents.robustness has found of the policies that ship."""
+    return [read(path.name) for path in sorted((ROOT / "results").glob("robustness-*.json"))]
+
+
+CHANGES = {
+    "mass": ("mass", (0, -1)),
+    "yaw_inertia": ("yaw inertia", (0, -1)),
+    "stiffness": ("cornering stiffness", (0, -1)),
+    "speed": ("speed", (0, -1)),
+    "friction": ("friction", (0, 1, -1)),
+    "action_delay": ("steps late", (2, 3, 4)),
+    "noise": ("yaw rate's noise [rad/s]", (3, 4)),
+}
+"""Of a card, what a table shows: its words, and which of the values."""
+
+
+def robustness() -> str:
+    """Success of each policy that ships, and of the best classical controller, where one quantity is another."""
+    found = cards()
+    changes = {name: change for card in found for name, change in card["changes"].items()}
+    heads = ["as it was made for"]
+    for name, (words, places) in CHANGES.items():
+        factor = "" if name in ("action_delay", "noise") else "x "
+        heads.append(f"{words} {factor}" + ", ".join(f"{changes[name]['values'][k]:g}" for k in places))
+    lines = ["| success [%] | driver | " + " | ".join(heads) + " |", "|---" * (len(heads) + 2) + "|"]
+    widest = 0.0
+    for card in found:
+        for driver in card["policies"]:
+            rates = {name: change["policies"][driver] for name, change in card["changes"].items()}
+            cells = [f"{100 * rates['action_delay'][0]['success_rate']['value']:.1f}"]
+            for name, (_, places) in CHANGES.items():
+                rows = [rates[name][k]["success_rate"] for k in places] if name in rates else []
+                cells.append(", ".join(f"{100 * row['value']:.1f}" for row in rows) or "-")
+                widest = max([widest, *((row["interval"][1] - row["interval"][0]) / 2 for row in rows)])
+            lines.append(f"| `{card['env_id']}` {card['level']} | {driver} | " + " | ".join(cells) + " |")
+    apart = max(row["asymmetry"] for card in found for row in card["policies"].values())
+    more = (
+        f"{found[0]['starts']} starts from seed {found[0]['seed']}, the same for all; 95 % intervals of at most "
+        f"{100 * widest:.1f} points to either side. Mirror images are answered up to {apart:.3f} of full steer apart. "
+        "`results/robustness-ID-LEVEL.json`, each with its command."
+    )
+    words = "python -m agents.robustness --env-id ID --level LEVEL --policy pretrained classical"
+    return "\n".join([*lines, "", made({**found[0], "command": words}, more)])
+
+
+def margins() -> str:
+    """Of who acts on the present state alone: what straight running bears."""
+    heads = ["slowest mode [s]", "front wheels: gain", "phase [deg]", "rear wheels: gain", "phase [deg]"]
+    heads += ["steps late that are borne", "driven: success with so many, one more [%]"]
+    lines = ["| straight running | driver | " + " | ".join(heads) + " |", "|---" * (len(heads) + 2) + "|"]
+    for card in cards():
+        for driver, row in card["policies"].items():
+            if row["at_rest"] is None:
+                continue
+            rest = row["at_rest"]
+            place = f"| `{card['env_id']}` {card['level']} | {driver} | "
+            if not rest["stable"]:
+                lines.append(place + "**unstable**" + " | -" * (len(heads) - 1) + " |")
+                continue
+            cells = [f"{rest['slowest_time_constant']:.2f}"]
+            for axle in ("front_steer_command", "rear_steer_command"):
+                one = rest["margins"][axle]
+                most = "any" if one["gain_increase"] is None else f"{one['gain_increase']:.1f}"
+                cells.append(f"x {one['gain_decrease']:.2f} to {most}")
+                cells.append("any" if one["phase"] is None else f"{one['phase'] * DEGREES:.0f}")
+            late = card["changes"]["action_delay"]
+            driven = dict(zip(late["values"], late["policies"][driver], strict=True))
+            rates = [driven[steps]["success_rate"] for k in (0, 1) if (steps := rest["delay"] + k) in driven]
+            cells += [str(rest["delay"]), ", ".join(f"{100 * rate['value']:.1f}" for rate in rates)]
+            lines.append(place + " | ".join(cells) + " |")
+    return "\n".join(lines)
 
 
 def summary() -> str:
@@ -500,6 +591,7 @@ TABLES = {
         one_car,
         tensors,
         gpu,
+        scaling,
         headroom,
         headroom_controllers,
         headroom_saved,
@@ -511,6 +603,9 @@ TABLES = {
         levels,
         alignment,
         benchmark,
+        trainings,
+        robustness,
+        margins,
         summary,
         fast,
         ablations,

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmark_cells import cell as made_up
 
-from agents import benchmark
+from agents import benchmark, scores
 from agents.messages import UserError
 
+ONE = made_up("BicycleEvade-v0", "hard", "native-ppo", [0.5])
 RESULTS = Path(__file__).parents[2] / "results"
 
 
@@ -52,6 +54,26 @@ def test_the_interval_of_a_difference_counts_seeds_and_starts():
     alike = np.tile(starts, (10, 1))
     wide, narrow = (np.ptp(benchmark.stratified(one, 300)) for one in (apart, alike))
     assert wide > 1.2 * narrow > 0.0
+
+
+def test_over_seeds_stand_score_and_regret_where_there_is_one():
+    seeds = [{**one, "score": rate, "regret": 3.0 * rate} for rate in (0.1, 0.2, 0.6) for one in ONE["trainings"]]
+    found = benchmark.all_over_seeds(seeds)
+    assert [*found] == ["success_rate", "on_road_rate", "episode_return", "score", "regret"]
+    assert found["regret"]["value"] == pytest.approx(3.0 * found["score"]["value"])
+    assert found["score"]["range"] == [0.1, 0.6]
+    without = benchmark.all_over_seeds([{**one, "score": None} for one in seeds])
+    assert "score" not in without
+    assert "regret" in without
+
+
+def test_the_printed_table_has_a_row_for_each_cell():
+    table = benchmark.shown({"one": ONE})
+    found = {str(column.header).replace("\n", " "): [*column.cells] for column in table.columns}
+    assert found["id and level"] == ["BicycleEvade-v0 hard"]
+    assert found["on road [%]"] == ["50.0"]
+    known = scores.known_of("BicycleEvade-v0", "hard")
+    assert found["score"] == [f"{known.score(0.5):.2f}"]
 
 
 @pytest.mark.parametrize("name", ["benchmark.json", "ablations.json"])

@@ -67,7 +67,16 @@ def test_a_mistake_is_one_line_and_exit_code_2(words, text):
 
 
 HELPED = ["train", "ppo", "policy_search", "evaluate", "benchmark", "seeds", "demo", "tune", "headroom", "publishing"]
-HELPED += ["collect", "jobs", "ppo_jax", "train_rllib", "mpc_headroom", "robustness", "moving_picture"]
+HELPED += [
+    "benchmark_picture",
+    "collect",
+    "jobs",
+    "ppo_jax",
+    "train_rllib",
+    "mpc_headroom",
+    "robustness",
+    "moving_picture",
+]
 
 
 def help_of(module, monkeypatch, capsys):

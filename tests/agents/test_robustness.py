@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import robustness
+from agents import robustness, scores
+from agents.messages import UserError
 from bicycle_env import control
 from bicycle_env.control.design.margins import margins, state_feedback_loop
 from bicycle_env.control.policy import Policy
@@ -49,6 +52,37 @@ def test_the_margins_of_lqr_are_those_of_its_design():
     assert found["slowest_time_constant"] == pytest.approx(-model.timestep / math.log(poles[0]), rel=1e-2)
 
 
+class Damped(Policy):
+    """LQR, less a part of the last action that it gave."""
+
+    name = "damped"
+    part = -0.6
+
+    def act(self, observation):
+        names = ["front_steer_command", "rear_steer_command"]
+        places = [list(ENV.observation_names).index(name) for name in names]
+        last = observation[places] * ENV.observation_scale[places] / ENV.linear_model().input_scale
+        return LQR.act(observation) + np.float32(self.part) * last
+
+
+def after_a_while(part, delay):
+    """How far the linear car is from straight running after 2000 steps, with LQR, whose actions come late."""
+    model, last = ENV.linear_model(), np.zeros(2)
+    state, under_way = np.full(len(model.A), 1e-3), [last] * delay
+    for _ in range(2000):
+        last = -LQR.gain @ state + part * last
+        under_way.append(last)
+        state = model.A @ state + model.B @ under_way.pop(0)
+    return np.abs(state).max()
+
+
+@pytest.mark.parametrize(("policy", "part"), [(LQR, 0.0), (Damped(), Damped.part)])
+def test_the_delay_that_straight_running_bears_is_the_one_after_which_it_is_left(policy, part):
+    delay = robustness.at_rest(ENV, policy)["delay"]
+    assert after_a_while(part, delay) < 1e-6
+    assert after_a_while(part, delay + 1) > 1.0
+
+
 def test_who_is_unstable_or_not_odd_is_named():
     rest = robustness.at_rest(ENV, Turned())
     assert not rest["stable"]
@@ -65,6 +99,36 @@ def test_who_remembers_has_no_jacobian():
     layers = [(np.zeros((2, 2 * len(names)), np.float32), np.zeros(2, np.float32))]
     network = control.Network(layers, "tanh", "clip", {"observation_names": names, "history": 2})
     assert robustness.at_rest(ENV, network) is None
+
+
+def test_classical_is_the_controller_tuned_for_the_level():
+    env = gym.make("BicycleEvade-v0", level="hard")
+    found = robustness.named(("classical", "evade-path"), env)
+    assert list(found) == ["evade-path, tuned", "evade-path"]
+    expected = scores.tuned("BicycleEvade-v0", "hard", "evade-path")
+    tuned, shipped = (set(found[name].values) for name in found)
+    assert tuned <= set(expected.values())
+    assert not shipped <= set(expected.values())
+    with pytest.raises(UserError, match=r"--policy classical: .*headroom.json knows no controller"):
+        robustness.named(("classical",), gym.make("BicycleStab-v0", speed_ratio=1.37))
+    with pytest.raises(UserError, match="at least one policy"):
+        robustness.named((), env)
+
+
+def test_a_card_is_written_under_the_level_s_name(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(robustness, "points", lambda _: {"friction": (1.0,)})
+    words = ["--env-id", "BicycleStab-v0", "--level", "medium", "--policy", "lqr", "zero", "--starts", "4"]
+    monkeypatch.setattr("sys.argv", ["robustness", *words])
+    robustness.main()
+    content = json.loads(Path("runs/robustness-BicycleStab-v0-medium.json").read_text())
+    assert content["command"] == "python -m agents.robustness " + " ".join(words)
+    assert content["level"] == "medium"
+    assert content["changes"]["friction"]["policies"]["zero"][0]["success_rate"]["value"] == 0.0
+    assert Path("runs/robustness-BicycleStab-v0-medium.png").is_file()
+    monkeypatch.setattr("sys.argv", ["robustness", *words, "--env-keywords", '{"level": "hard"}'])
+    with pytest.raises(UserError, match="--level medium: --env-keywords says level hard"):
+        robustness.main()
 
 
 @pytest.mark.parametrize(

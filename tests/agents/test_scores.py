@@ -31,6 +31,13 @@ def row(success_rate, episode_return):
     return {"success_rate": {"value": success_rate}, "episode_return": {"value": episode_return}}
 
 
+def test_a_curve_comes_to_the_reference_within_two_points(tmp_path):
+    found = scores.known(gym.make("BicycleStab-v0"), written(tmp_path))
+    curve = [[1000, 5.0, 0.6], [2000, 10.0, 0.679], [3000, 15.0, 0.681], [4000, 20.0, 0.5], [5000, 25.0, 0.7]]
+    assert found.seconds_to_reference(curve) == 15.0
+    assert found.seconds_to_reference(curve[:2]) is None
+
+
 def test_a_score_is_a_share_of_the_room(tmp_path):
     found = scores.known(gym.make("BicycleStab-v0"), written(tmp_path))
     assert found.score(0.5) == 0.0
