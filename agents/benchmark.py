@@ -329,7 +329,8 @@ def main() -> None:
     made_by = provenance.collect()
     for cell in cells:
         folders = [job.folder for job in jobs if job.cell == cell]
-        before[cell.name] = {**measured(cell, folders), "git": made_by["git"], "date": made_by["date"]}
+        when = {name: made_by[name] for name in ("git", "date", "machine")}  # cells may be of several
+        before[cell.name] = {**measured(cell, folders), **when}
         console.print(f"measured: {cell.name}")
     ordered = {cell.name: before[cell.name] for cell in PLANS[args.plan] if cell.name in before}
     words = ["python -m agents.benchmark", *(["--plan ablations"] if args.plan == "ablations" else [])]

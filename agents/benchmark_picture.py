@@ -37,8 +37,8 @@ FAR_APART = 8.0
 """Ratio of the shortest to the longest of the learners' trainings from which on their axis is logarithmic."""
 WHAT = (
     "Success of learned policies while they learn, and at the end. A line: the seeds' interquartile mean; its band: "
-    "the worst to the best seed.\nLearning curves: on the 500 starts that select (Stable-Baselines3: on the last "
-    "training episodes); right, and the dashed line: on the 2000 that report."
+    "the worst to the best seed.\nLearning curves: on the 500 starts that select; right, and the dashed line: on the "
+    "2000 that report."
 )
 
 

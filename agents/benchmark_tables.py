@@ -36,7 +36,7 @@ LOSES, EVEN, WINS = 0, 1, 2
 HEADS = ("driver", "seeds or starts", "success [%]", "on the road [%]", "return", "score", "regret",
          "better than the best classical by [points]")  # fmt: skip
 TAKEN = ("id and level", "learner", "seeds", "of the seeds, success [%]", "better by [points]", "million steps",
-         "seconds of a training", "seconds to the best found")  # fmt: skip
+         "seconds of a training", "seconds to the best found", "machine, date")  # fmt: skip
 
 
 def learner(cell: Row) -> str:
@@ -178,6 +178,7 @@ def trainings(cells: Iterable[Row], path: Path = scores.FILE) -> str:
         row += [compared(difference(cell)), millions(statistics.median(one["timesteps"] for one in ones))]
         row += [f"{statistics.median(seconds):.0f}, {min(seconds):.0f} to {max(seconds):.0f}"]
         row += [arrived(ones, scores.known_of(cell["env_id"], cell["level"], path))]
+        row += [f"{cell['machine'].partition(',')[0]}, {cell['date']}"]
         lines.append(f"| {' | '.join(row)} |")
     return "\n".join(lines)
 

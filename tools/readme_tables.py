@@ -385,9 +385,10 @@ def benchmark() -> str:
         f"{result['starts']} starts from seed {result['seed']}, the same for all but MPC (the first 100 of them) and "
         "the searches (the first 200; without knowing the first 64). In brackets 95 % intervals: of learners, which "
         "stand with their interquartile mean, over seeds, and of the difference over seeds and starts; of all others "
-        "over starts. `results/benchmark.json`, `headroom.json`, `mpc.json`, each cell with its date and revision."
+        "over starts. `results/benchmark.json`, `headroom.json`, `mpc.json`, each cell with its date, machine and "
+        "revision."
     )
-    return "\n".join([table, "", made(result, more)])
+    return "\n".join([table, "", f"`{result['command']}`; {more}"])
 
 
 def trainings() -> str:
@@ -398,7 +399,7 @@ def trainings() -> str:
         "best found: until within two points of it on the learning curve, the median of the seeds that came there. "
         "`results/benchmark.json`."
     )
-    return "\n".join([benchmark_tables.trainings(result["cells"].values()), "", made(result, more)])
+    return "\n".join([benchmark_tables.trainings(result["cells"].values()), "", f"`{result['command']}`; {more}"])
 
 
 def cards() -> list[dict[str, Any]]:
@@ -478,43 +479,56 @@ def margins() -> str:
 def summary() -> str:
     """Of each id without a level: nobody, classical, learned, and what the searches found."""
     parts, cells = read("headroom.json")["settings"], read("benchmark.json")["cells"]
-    heads = ["nobody", "best classical, tuned", "PPO, one file", "best found without knowing", "best found"]
+    heads = ["nobody", "best classical, tuned", "PPO, one file", "evolution strategy, one file"]
+    heads += ["best found without knowing", "best found"]
     lines = ["| success [%] | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
     for part in parts.values():
-        learned = cells.get(f"{part['env_id']} {part['level']} native-ppo")
-        if part["level"] in ("medium", "hard") and learned is not None:
+        learned = [cells.get(f"{part['env_id']} {part['level']} {name}") for name in ("native-ppo", "policy-search")]
+        if part["level"] in ("medium", "hard") and any(learned):
             rows, best = part["drivers"], part["classical"]["driver"]
             row = [percent(rows["uncontrolled"]), f"{percent(rows[best])} `{best.removesuffix(', tuned')}`"]
-            row.append(f"{cell(learned['over_seeds'], 'success_rate', 100)}, {len(learned['trainings'])} seeds")
+            row += [of_seeds(one) for one in learned]
             row += [percent(rows.get("best found without knowing")), percent(rows["best found"])]
             lines.append(f"| `{part['env_id']}` {part['level']} | " + " | ".join(row) + " |")
     more = (
         "`python -m agents.headroom` and `python -m agents.benchmark`: 2000 starts, the same for all, of the searches "
-        "200 or 64. In brackets 95 % intervals: of PPO, an interquartile mean, over seeds on these same starts, of all "
-        "others over starts, so not to be compared with each other; the paired difference is in docs/learning.md. "
+        "200 or 64. In brackets 95 % intervals: of learners, whose figure is an interquartile mean, over seeds on "
+        "these same starts, of all others over starts, so not to be compared with each other; the paired difference "
+        "is in docs/learning.md. "
         "Dates, machines and revisions: `results/headroom.json`, `results/benchmark.json`."
     )
     return "\n".join([*lines, "", more])
 
 
+def of_seeds(learned: dict[str, Any] | None) -> str:
+    """Success of a learner's seeds."""
+    if learned is None:
+        return "-"
+    return f"{cell(learned['over_seeds'], 'success_rate', 100)}, {len(learned['trainings'])} seeds"
+
+
 def fast() -> str:
-    """Three numbers."""
+    """Four numbers."""
     one, many, learned = read("single_env.json"), read("vector_env.json"), read("benchmark.json")["cells"]
     rows = {row["row"]: row for row in many["ratios"]}
     tanh = rows["tanh / envpool Pendulum-v1, N = 1024"]
     alone, cart = (one["steps_per_second"][name] for name in ("BicycleStab-v0", "CartPole-v1"))
-    stab = learned["BicycleStab-v0 medium native-ppo"]["trainings"]
-    seconds = statistics.median(training["seconds"] for training in stab)
     lines = [
         "| | |",
         "|---|---|",
         f"| one car through `gym.make`, steps per second | {alone:,}, {alone / cart:.1f} times CartPole-v1 |",
         "| 1024 cars on one core, tires that saturate, steps per second "
         f"| {tanh['ours']:,}, {tanh['ratio']:.1f} times envpool's Pendulum |",
-        "| PPO on `BicycleStab-v0`, one core, to within a point of LQR "
-        f"| {seconds:.0f} s for {stab[0]['timesteps']:,} steps |",
     ]
-    return "\n".join([*lines, "", f"`make benchmark benchmark-vector learning`, {one['date']}, {one['machine']}."])
+    for name in ("policy-search", "native-ppo"):
+        part = learned[f"BicycleStab-v0 medium {name}"]
+        took = statistics.median(one["seconds"] for one in part["trainings"])
+        short = 100 * -part["better_than_classical"]["value"]
+        what = f"a policy for `BicycleStab-v0`, {benchmark_tables.LEARNERS[name]}, one core"
+        than = f"{short:.1f} points less than LQR, tuned; {part['machine'].partition(',')[0]}"
+        lines.append(f"| {what} | {took:.0f} s; {than} |")
+    words = f"`make benchmark benchmark-vector learning`, {one['date']}, {one['machine']}, where no other is said."
+    return "\n".join([*lines, "", words])
 
 
 def ablations() -> str:

@@ -34,6 +34,8 @@ def cell(env_id, level, learner, rates, classical=0.7, steps=3e6, seconds=60.0, 
         "level": level,
         "learner": learner,
         "variant": "",
+        "machine": "A machine, 2 cores, Linux",
+        "date": "2026-11-27",
         "classical": {"controller": controller, "success_rate": share(classical)},
         "trainings": trainings,
         "over_seeds": {
