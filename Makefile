@@ -95,6 +95,14 @@ mpc: $(VENV)/.installed-test
 entry-speed: $(VENV)/.installed-test
 	$(BIN)/python -m agents.entry_speed --json $(OUT)/entry_speed.json
 
+# One policy a course, three seeds each; the time limit lets cars below 16 m/s see but the beginning of the course.
+entry-speed-learned: $(VENV)/.installed-demo
+	for seed in 0 1 2; do $(BIN)/python -m agents.ppo --env-id BicycleDoubleLaneChange-v0 --seed $$seed \
+		--env-keywords '{"course": "iso3888-1", "steer": "front", "max_episode_steps": 460}' --speeds 9 34 --hold 3 --history 2 \
+		--decisions 64 --success-bonus 100 --total-timesteps 5000000 --out runs/entry/iso3888-1-front/$$seed || exit 1; done
+	$(BIN)/python -m agents.entry_speed --course iso3888-1 --steer front --policy "learned=runs/entry/{course}-{steer}" \
+		--keep --json $(OUT)/entry_speed.json
+
 alignment: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.alignment --json $(OUT)/alignment.json
 
