@@ -233,7 +233,7 @@ def main() -> None:
     if args.keep and args.json is None:
         raise UserError("--keep: --json must name the file")
     same = {"env_id": ENV_ID, "env_keywords": more, "seed": args.seed, "starts": args.starts, "rung": RUNG}
-    before = kept(args.json, same) if args.keep and args.json is not None else None
+    before = kept(args.json, same) if args.keep and args.json is not None and args.json.is_file() else None
     rows: dict[str, dict[str, dict[str, Any]]] = {}
     begin = time.perf_counter()
     for course in args.course:
