@@ -309,7 +309,7 @@ def entry_speed() -> str:
         "stanley": "Stanley",
         "lqr": "LQR with preview, tuned at the default speed of the first course",
         "lqr-tuned": "LQR with preview, tuned for the highest entry speed",
-        "learned": "learned (`agents.ppo`), of each course one policy for all speeds",
+        "learned": "PPO (`agents.ppo`): one policy for all speeds, interquartile mean of seeds",
     }
     columns = [(course, steer) for course, modes in result["courses"].items() for steer in modes]
     heads = [f"{course}, {'front wheels' if steer == 'front' else 'both axles'}" for course, steer in columns]
