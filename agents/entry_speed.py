@@ -2,11 +2,15 @@
 
     python -m agents.entry_speed --json results/entry_speed.json
     python -m agents.entry_speed --course iso3888-2 --policy lqr my_controller:YawDamper
+    python -m agents.entry_speed --policy learned=runs/entry/{course}-{steer} --keep --json results/entry_speed.json
 
 The speeds are a ladder of 0.25 m/s; one is passed if every start is. Passing need not be monotone: a speed below the
-highest may fail, and the table says how far all pass. Each speed has its own controller, designed for it. "lqr-tuned"
-and "preview-tuned" have their weights, and the time that they look ahead, chosen for the highest entry speed, on other
-starts than those reported.
+highest may fail, and the table says how far all pass. Each speed has its own controller, designed for it; a trained
+policy is the same at all of them, and is not told the speed. "lqr-tuned" and "preview-tuned" have their weights, and
+the time that they look ahead, chosen for the highest entry speed, on other starts than those reported.
+
+NAME=POLICY calls a row NAME; in POLICY, {course} and {steer} stand for the course and the axles. A folder of folders
+with trained policies, as agents.jobs makes one of seeds, is one row: its interquartile mean, and the range in brackets.
 """
 
 from __future__ import annotations
@@ -30,9 +34,9 @@ from agents import messages, tune
 from agents.episodes import start_seeds
 from agents.evaluate import console_for_tables, find_policy, make_env, parse_keywords
 from agents.messages import UserError
-from bicycle_env import control, optimum, provenance
+from agents.statistics import iqm
+from bicycle_env import control, files, optimum, provenance
 from bicycle_env.control.driver import Preview
-from bicycle_env.files import write_json
 from bicycle_env.tasks.double_lane_change import COURSES
 
 ENV_ID = "BicycleDoubleLaneChange-v0"
@@ -43,6 +47,15 @@ PREVIEW_TIMES = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)  # s
 SPARE = 0.5  # s: the way round is longer than straight on
 ROUNDS, BEYOND = 3, 1.0
 """Of "lqr-tuned": how often weights are tuned anew, and how much faster than what passes so far, m/s."""
+
+CONTENT = files.table(
+    {"courses": files.mapping(files.mapping(files.mapping(files.mapping(files.anything))))}, others=True
+)
+SAME = ("env_id", "env_keywords", "seed", "starts", "rung")
+"""What rows of one file have in common."""
+LARGEST = 50_000_000
+"""Bytes of a results file."""
+OF_RUN = ("env_id", "env_keywords", "algo", "settings", "timesteps", "seconds", "git")
 
 MakePolicy = Callable[[gym.Env], control.Policy]
 
@@ -56,7 +69,7 @@ class Args:
     steer: tuple[str, ...] = ("front", "both")
     """Which axles are steered. A driver alone leaves the rear wheels straight: he is driven with "front" only."""
     policy: tuple[str, ...] = ("preview", "preview-tuned", "stanley", "lqr", "lqr-tuned")
-    """As for agents.evaluate; also lqr-tuned and preview-tuned."""
+    """As for agents.evaluate; also lqr-tuned and preview-tuned, and NAME=POLICY."""
     starts: int = 50
     """Starts at each speed, the same for all."""
     seed: int = 1
@@ -65,6 +78,8 @@ class Args:
     """More keywords of the environment as JSON, for example '{"friction": 0.5}'."""
     json: Path | None = None
     """Also write the figures to this file."""
+    keep: bool = False
+    """Rows that are in the file and are not driven now stay there; each new one says when and how it was driven."""
 
 
 def shares(keywords: dict[str, Any], speeds: NDArray[Any], make: MakePolicy, seeds: list[int]) -> NDArray[np.float64]:
@@ -130,6 +145,71 @@ def tuned_lqr(
     return maker(best), {"parameters": best}
 
 
+def named(word: str, course: str, steer: str) -> tuple[str, str]:
+    """What a row is called, and its policy."""
+    label, equals, policy = word.partition("=")
+    policy = (policy if equals else label).replace("{course}", course).replace("{steer}", steer)
+    return label, policy
+
+
+def seeds_of(name: str) -> list[Path]:
+    """The folders of trained policies in a folder that holds none itself; none for a policy of any other kind."""
+    folder = Path(name)
+    if not folder.is_dir() or (folder / "policy.json").is_file():
+        return []
+    return sorted(file.parent for file in folder.glob("*/policy.json"))
+
+
+def passed(speeds: NDArray[Any], share: NDArray[Any]) -> dict[str, Any]:
+    """A row of one policy."""
+    figures = {"highest": highest(speeds, share), "unbroken": unbroken(speeds, share)}
+    return {**figures, "speeds": speeds.tolist(), "shares": share.tolist()}
+
+
+def over_seeds(folders: list[Path], rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """A row of several trained policies: interquartile means, each policy's own row, and how they were trained."""
+    runs = [files.read_json(folder / "run.json", files.mapping(files.anything)) for folder in folders]
+    each = [
+        {"seed": run.get("seed"), **row, "training": {name: run.get(name) for name in OF_RUN}}
+        for run, row in zip(runs, rows, strict=True)
+    ]
+    return {**{key: iqm([row[key] for row in rows]) for key in ("highest", "unbroken")}, "seeds": each}
+
+
+def row_of(name: str, keywords: dict[str, Any], speeds: NDArray[Any], args: Args) -> dict[str, Any]:
+    """What a policy passes, on the starts that report."""
+    reported, selecting = (start_seeds(args.starts, args.seed, purpose) for purpose in ("report", "select"))
+    chosen: dict[str, Any] = {}
+    if name == "lqr-tuned":
+        make, chosen = tuned_lqr(keywords, speeds, selecting, args.seed)
+    elif name == "preview-tuned":
+        make, chosen = tuned_preview(keywords, speeds, selecting)
+    elif folders := seeds_of(name):
+        makes = [lambda env, folder=folder: find_policy(str(folder), env) for folder in folders]
+        return over_seeds(folders, [passed(speeds, shares(keywords, speeds, make, reported)) for make in makes])
+    else:
+        make = lambda env: find_policy(name, env)  # noqa: E731
+    return {**passed(speeds, shares(keywords, speeds, make, reported)), **chosen}
+
+
+def range_of(row: dict[str, Any], key: str) -> str:
+    """A figure of a row, in m/s, with the range over seeds where there are some."""
+    values = [one[key] for one in row.get("seeds", [])]
+    return f"{row[key]:.2f}" + (f" [{min(values):.2f}, {max(values):.2f}]" if values else "")
+
+
+def kept(path: Path, same: dict[str, Any]) -> dict[str, Any]:
+    """The content of the file to which rows are added; UserError for one whose rows are not comparable."""
+    try:
+        before: dict[str, Any] = files.read_json(path, CONTENT, LARGEST)
+    except (ValueError, OSError) as error:
+        raise UserError(f"--keep: {files.shown(error)}") from None
+    for name in SAME:
+        if before.get(name) != same[name]:
+            raise UserError(f"--keep: {path} has {name} {before.get(name)!r}, asked for is {same[name]!r}")
+    return before
+
+
 def table(rows: dict[str, dict[str, dict[str, Any]]]) -> Table:
     """For people."""
     shown = Table(title="highest entry speed that passes", box=box.SIMPLE_HEAD, title_justify="left")
@@ -138,8 +218,8 @@ def table(rows: dict[str, dict[str, dict[str, Any]]]) -> Table:
     for course, modes in rows.items():
         for steer, policies in modes.items():
             for name, row in policies.items():
-                speed, solid = row["highest"], row["unbroken"]
-                shown.add_row(course, steer, name, f"{speed:.2f}", f"{3.6 * speed:.1f}", f"{solid:.2f}")
+                speed, solid = range_of(row, "highest"), range_of(row, "unbroken")
+                shown.add_row(course, steer, name, speed, f"{3.6 * row['highest']:.1f}", solid)
     return shown
 
 
@@ -150,7 +230,10 @@ def main() -> None:
     more = parse_keywords(args.env_keywords)
     if {"course", "steer", "speed", "speed_ratio", "max_episode_steps"} & set(more):
         raise UserError("--env-keywords: course and steer are options of their own; speed and time are the ladder's")
-    reported, selecting = (start_seeds(args.starts, args.seed, purpose) for purpose in ("report", "select"))
+    if args.keep and args.json is None:
+        raise UserError("--keep: --json must name the file")
+    same = {"env_id": ENV_ID, "env_keywords": more, "seed": args.seed, "starts": args.starts, "rung": RUNG}
+    before = kept(args.json, same) if args.keep and args.json is not None and args.json.is_file() else None
     rows: dict[str, dict[str, dict[str, Any]]] = {}
     begin = time.perf_counter()
     for course in args.course:
@@ -159,44 +242,31 @@ def main() -> None:
             usual: Any = make_env(ENV_ID, keywords).unwrapped
             low, high = (round(end * usual.speed / RUNG) for end in LADDER)
             speeds = RUNG * np.arange(low, high + 1)
-            for name in args.policy:
-                if steer != "front" and name.partition("-")[0] in control.DRIVERS:
+            for word in args.policy:
+                label, policy = named(word, course, steer)
+                if steer != "front" and policy.partition("-")[0] in control.DRIVERS:
                     continue
-                chosen: dict[str, Any] = {}
-                if name == "lqr-tuned":
-                    make, chosen = tuned_lqr(keywords, speeds, selecting, args.seed)
-                elif name == "preview-tuned":
-                    make, chosen = tuned_preview(keywords, speeds, selecting)
-                else:
-                    make = lambda env, name=name: find_policy(name, env)  # noqa: E731
-                share = shares(keywords, speeds, make, reported)
-                rows.setdefault(course, {}).setdefault(steer, {})[name] = {
-                    "highest": highest(speeds, share),
-                    "unbroken": unbroken(speeds, share),
-                    **chosen,
-                    "speeds": speeds.tolist(),
-                    "shares": share.tolist(),
-                }
+                rows.setdefault(course, {}).setdefault(steer, {})[label] = row_of(policy, keywords, speeds, args)
     console = console_for_tables()
     console.print(table(rows))
-    if args.json is not None:
-        write_json(
-            args.json,
-            {
-                "command": f"python -m agents.entry_speed --course {' '.join(args.course)} --steer "
-                f"{' '.join(args.steer)} --policy {' '.join(args.policy)} --starts {args.starts} --seed {args.seed}"
-                + (f" --env-keywords '{json.dumps(more)}'" if more else ""),
-                **provenance.collect(),
-                "seconds": round(time.perf_counter() - begin, 1),
-                "env_id": ENV_ID,
-                "env_keywords": more,
-                "seed": args.seed,
-                "starts": args.starts,
-                "rung": RUNG,
-                "courses": rows,
-            },
-        )
-        console.print(f"figures: {args.json}")
+    if args.json is None:
+        return
+    made_by = {
+        "command": f"python -m agents.entry_speed --course {' '.join(args.course)} --steer {' '.join(args.steer)} "
+        f"--policy {' '.join(args.policy)} --starts {args.starts} --seed {args.seed}"
+        + (f" --env-keywords '{json.dumps(more)}'" if more else ""),
+        **provenance.collect(),
+        "seconds": round(time.perf_counter() - begin, 1),
+    }
+    if before is None:
+        files.write_json(args.json, {**made_by, **same, "courses": rows})
+    else:
+        for course, modes in rows.items():
+            for steer, policies in modes.items():
+                place = before["courses"].setdefault(course, {}).setdefault(steer, {})
+                place.update({name: {**row, "made_by": made_by} for name, row in policies.items()})
+        files.write_json(args.json, before)
+    console.print(f"figures: {args.json}")
 
 
 if __name__ == "__main__":

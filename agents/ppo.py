@@ -13,6 +13,7 @@ Hundreds of cars are driven at once by the native vector environment, in one thr
 - It may begin as the image of a classical controller, or of one that has learned to plan; or be added to a controller's
   actions.
 - A mirror image is answered by the mirror image of the action, and worth as much.
+- Each car may have a speed of its own: what is learned slow helps where it is fast.
 - The best policy is kept, chosen on starts of their own, not the last one.
 
 Holding and remembering belong to the policy, whose file says so: it drives the environment that all others drive. The
@@ -35,7 +36,7 @@ from torch import Tensor, nn
 from torch.distributions import Normal
 
 import bicycle_env  # noqa: F401  (registers the environments)
-from agents import imitation, messages, residual, settings, state_arrays, stopping, training
+from agents import imitation, messages, residual, settings, speeds, state_arrays, stopping, training
 from agents.evaluate import make_env, make_vector_env, parse_keywords
 from bicycle_env import optimum
 from bicycle_env.backends import announcements
@@ -101,6 +102,9 @@ class Args:
     """An episode in which success can no longer come ends there, in training only."""
     success_bonus: float = 0.0
     """Added to the reward where the time is over with success, in training only; a time-out is then an end."""
+    speeds: tuple[float, ...] = ()
+    """From which to which the cars drive, m/s, evenly spread, those too that choose the best policy; else all as the
+    keywords say."""
     imitate: str = ""
     """A controller by name: the policy begins as its image, with the parameters tuned for the id and level."""
     plan: int = 0
@@ -163,7 +167,8 @@ class Cars:
             law = residual.base(args.residual, make_env(args.env_id, keywords).unwrapped)
             self.env: Any = residual.OnTop(args.env_id, args.cars, keywords, law, args.hold)
         else:
-            held = {**keywords, "action_repeat": args.hold * keywords.get("action_repeat", 1)}
+            repeat = args.hold * keywords.get("action_repeat", 1)
+            held = {**keywords, **speeds.own(args.speeds, args.cars), "action_repeat": repeat}
             self.env = make_vector_env(args.env_id, args.cars, held, "NextStep").unwrapped
         self.entries = self.env.single_observation_space.shape[0]
         self.axles = self.env.single_action_space.shape[0]
@@ -316,12 +321,14 @@ def train(args: Args, console: Console, watch: training.Watch | None = None) -> 
     """Train as the arguments say; gives the run's folder. `watch` sees each point of the learning curve."""
     keywords = parse_keywords(args.env_keywords)
     chosen = settings.own(args, ALGORITHM)
+    speeds.check(args, keywords)
     path = args.out or Path("runs") / f"{args.env_id}-{ALGORITHM}-{args.seed}"
     messages.check_folder("--out", path)
     make_env(args.env_id, keywords).close()  # mistakes in the keywords are found here
     torch.set_num_threads(1)  # small networks: more threads only wait for each other
     torch.manual_seed(args.seed)
-    assessed, cars = optimum.Cars(args.env_id, keywords), Cars(args, keywords)
+    assessed = optimum.Cars(args.env_id, keywords, lambda count: speeds.own(args.speeds, count))
+    cars = Cars(args, keywords)
     learner = Learner(args, cars)
     optimizer = torch.optim.Adam(learner.parameters(), args.learning_rate, eps=1e-5)
     plan = training.Plan(args.env_id, keywords, ALGORITHM, args.seed, chosen, args.total_timesteps)

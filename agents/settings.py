@@ -106,6 +106,7 @@ OWN = {
         "informed_critic": flag,
         "end_forfeited": flag,
         "success_bonus": number_in(0.0, 1e6),
+        "speeds": listed(number_in(0.1, 1000.0), 0, 2),
         "imitate": text(200),
         "residual": text(200),
         "plan": whole_in(0, 10**5),

@@ -335,20 +335,35 @@ def entry_speed() -> str:
         "stanley": "Stanley",
         "lqr": "LQR with preview, tuned at the default speed of the first course",
         "lqr-tuned": "LQR with preview, tuned for the highest entry speed",
+        "learned": "PPO (`agents.ppo`): one policy for all speeds, interquartile mean of seeds",
     }
     columns = [(course, steer) for course, modes in result["courses"].items() for steer in modes]
     heads = [f"{course}, {'front wheels' if steer == 'front' else 'both axles'}" for course, steer in columns]
     lines = ["| highest entry speed [m/s] | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
     for name, words in names.items():
         rows = [result["courses"][course][steer].get(name) for course, steer in columns]
-        cells = [_passed(row["highest"], row["unbroken"]) if row else "-" for row in rows]
+        cells = [_passed(row["highest"], row["unbroken"]) + _seeds(row) if row else "-" for row in rows]
         lines.append(f"| {words} | " + " | ".join(cells) + " |")
     more = (
         f"{result['starts']} starts at each of the speeds, {result['rung']:g} m/s apart; starts from seed "
         f"{result['seed']}, tuning on others; `results/entry_speed.json`. In brackets, where it is not the same: the "
         "speed up to which every speed passes."
     )
-    return "\n".join([*lines, "", made(result, more)])
+    later = {
+        row["made_by"]["command"]: row["made_by"]
+        for course, steer in columns
+        for row in result["courses"][course][steer].values()
+        if "made_by" in row
+    }
+    return "\n".join(
+        [*lines, "", made(result, more), *(f"Rows added by {made(one, '')[:-2]}." for one in later.values())]
+    )
+
+
+def _seeds(row: dict[str, Any]) -> str:
+    """The range over seeds, where a row has some: its figures are then interquartile means."""
+    speeds = [one["highest"] for one in row.get("seeds", [])]
+    return f"; {len(speeds)} seeds, {min(speeds):.2f} to {max(speeds):.2f}" if speeds else ""
 
 
 def alignment() -> str:

@@ -51,20 +51,28 @@ def make_cars(env_id: str, keywords: Mapping[str, Any], cars: int) -> Any:
 
 
 class Cars:
-    """Cars of an environment, as many as are asked for; the last ones are kept. ``plant``: the single environment."""
+    """Cars of an environment, as many as are asked for; the last ones are kept. ``plant``: the single environment.
 
-    def __init__(self, env_id: str, keywords: Mapping[str, Any]) -> None:
+    Args:
+        env_id, keywords: of the environment.
+        own: given how many cars, keywords of which each has its own, such as their speeds; the plant has none of them.
+    """
+
+    def __init__(
+        self, env_id: str, keywords: Mapping[str, Any], own: Callable[[int], Mapping[str, Any]] | None = None
+    ) -> None:
         env = gym.make(env_id, **keywords)
         plant: Any = env.unwrapped
         self.plant = plant
         limit = env.spec.max_episode_steps if env.spec is not None else None
         self.episode_steps: int = limit or plant.task.episode_steps
-        self._made, self._last = (env_id, keywords), None
+        self._env_id, self._keywords, self._own, self._last = env_id, keywords, own, None
 
     def of(self, count: int) -> Any:
         """A native vector environment."""
         if self._last is None or self._last.num_envs != count:
-            self._last = make_cars(*self._made, count)
+            own = {} if self._own is None else self._own(count)
+            self._last = make_cars(self._env_id, {**self._keywords, **own}, count)
         return self._last
 
 

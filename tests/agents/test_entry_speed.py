@@ -13,6 +13,8 @@ from agents import entry_speed
 from agents.episodes import drive, start_seeds
 from agents.evaluate import find_policy
 from agents.messages import UserError
+from agents.statistics import iqm
+from bicycle_env import control
 from bicycle_env.tasks.double_lane_change import COURSES
 
 RESULTS = Path(__file__).parents[2] / "results"
@@ -64,9 +66,65 @@ def test_a_small_study(tmp_path, monkeypatch, capsys):
     assert driver["highest"] in driver["speeds"]
 
 
+def networks(folder, number):
+    """Trained policies that steer straight on, in folders as agents.jobs makes them."""
+    names = list(gym.make(entry_speed.ENV_ID, steer="front").unwrapped.observation_names)
+    layers = [(np.zeros((1, len(names)), np.float32), np.zeros(1, np.float32))]
+    description = {"env_id": entry_speed.ENV_ID, "observation_names": names}
+    for seed in range(number):
+        control.Network(layers, "tanh", "clip", description).save(folder / str(seed))
+        run = {"seed": seed, "algo": "native-ppo", "git": "abc", "timesteps": 5}
+        (folder / str(seed) / "run.json").write_text(json.dumps(run))
+
+
+def test_a_row_is_called_as_asked_and_its_policy_may_depend_on_the_course():
+    assert entry_speed.named("lqr", "iso3888-1", "front") == ("lqr", "lqr")
+    assert entry_speed.named("mine=runs/{course}/{steer}", "iso3888-1", "front") == ("mine", "runs/iso3888-1/front")
+
+
+def test_a_folder_of_seeds_is_one_row(tmp_path, monkeypatch):
+    networks(tmp_path / "seeds", 3)
+    found = {0: [1.0, 1.0, 0.0], 1: [1.0, 0.0, 0.0], 2: [1.0, 1.0, 1.0]}
+
+    def shares(keywords, speeds, make, seeds):
+        return np.array(found[asked.pop(0)])
+
+    asked = [0, 1, 2]
+    monkeypatch.setattr(entry_speed, "shares", shares)
+    row = entry_speed.row_of(str(tmp_path / "seeds"), {"steer": "front"}, SPEEDS, entry_speed.Args(starts=2))
+    assert [one["highest"] for one in row["seeds"]] == [15.0, 10.0, 30.0]
+    assert row["highest"] == iqm([15.0, 10.0, 30.0])
+    assert [one["training"]["git"] for one in row["seeds"]] == ["abc"] * 3
+    assert entry_speed.range_of(row, "highest") == f"{row['highest']:.2f} [10.00, 30.00]"
+    assert entry_speed.seeds_of(str(tmp_path / "seeds" / "0")) == entry_speed.seeds_of("lqr") == []
+
+
+def test_rows_that_are_not_driven_now_stay(tmp_path, monkeypatch):
+    """A policy that steers straight on passes at no speed."""
+    networks(tmp_path / "straight", 2)
+    out, words = tmp_path / "entry.json", ["--course", "iso3888-1", "--steer", "front", "--starts", "2"]
+    monkeypatch.setattr(entry_speed, "LADDER", (1.0, 1.01))
+    for more in (["--policy", "stanley"], ["--policy", f"learned={tmp_path / 'straight'}", "--keep"]):
+        monkeypatch.setattr("sys.argv", ["entry_speed", *words, *more, "--json", str(out)])
+        entry_speed.main()
+    content = json.loads(out.read_text())
+    rows = content["courses"]["iso3888-1"]["front"]
+    assert list(rows) == ["stanley", "learned"]
+    assert "--policy stanley" in content["command"], "what is said of the file stays"
+    assert "made_by" not in rows["stanley"]
+    assert rows["stanley"]["highest"] > rows["learned"]["highest"] == 0.0
+    assert "--policy learned=" in rows["learned"]["made_by"]["command"]
+    assert {"date", "git", "machine", "versions", "seconds"} <= set(rows["learned"]["made_by"])
+
+    monkeypatch.setattr("sys.argv", ["entry_speed", *words, "--seed", "2", "--keep", "--json", str(out)])
+    with pytest.raises(UserError, match="has seed 1, asked for is 2"):
+        entry_speed.main()
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [
+        (["--keep"], "--keep: --json must name the file"),
         (["--starts", "0"], "--starts must be at least 1, got 0"),
         (["--env-keywords", '{"speed": 20.0}'], "--env-keywords: course and steer"),
         (["--course", "iso3888-3"], "course must be"),
@@ -88,6 +146,7 @@ def test_the_committed_figures_are_of_both_courses_and_say_what_made_them():
         assert list(modes) == ["front", "both"]
         for rows in modes.values():
             for row in rows.values():
-                speeds, share = np.array(row["speeds"]), np.array(row["shares"])
-                assert row["highest"] == entry_speed.highest(speeds, share)
-                assert row["unbroken"] == entry_speed.unbroken(speeds, share)
+                for one in row.get("seeds", [row]):
+                    speeds, share = np.array(one["speeds"]), np.array(one["shares"])
+                    assert one["highest"] == entry_speed.highest(speeds, share)
+                    assert one["unbroken"] == entry_speed.unbroken(speeds, share)

@@ -10,9 +10,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from rich.console import Console
 from tiny_ppo import TINY, curve, start
 
 from agents import ppo, settings
+from agents.messages import UserError
 from bicycle_env import control
 from bicycle_env.envs.bicycle_stab import BicycleStabEnv
 from bicycle_env.files import read_arrays
@@ -327,6 +329,30 @@ def test_it_learns_to_save_the_car(tmp_path):
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["best"]["success_rate"] > 0.55
     assert float(curve(tmp_path / "run")[1][1]) < 0.1
+
+
+def test_cars_learn_and_are_assessed_at_speeds_of_their_own(tmp_path, monkeypatch):
+    made, make = [], gym.make_vec
+    monkeypatch.setattr(gym, "make_vec", lambda *names, **keywords: made.append(keywords) or make(*names, **keywords))
+    start(tmp_path / "run", speeds=(20.0, 35.0), total_timesteps=512)
+    assert len(made) == 2, "the cars that learn, and those that assess"
+    for keywords in made:
+        assert np.array_equal(keywords["speed"], np.linspace(20.0, 35.0, 16))
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["settings"]["speeds"] == [20.0, 35.0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"speeds": (20.0,)}, "--speeds must be two, from and to, got 1"),
+        ({"env_keywords": '{"speed_ratio": 1.2}'}, "must not name a speed, too"),
+        ({"imitate": "lqr"}, "designed for one speed"),
+    ],
+)
+def test_speeds_that_contradict_are_one_line(changes, text, tmp_path):
+    with pytest.raises(UserError, match=text):
+        ppo.train(replace(TINY, out=tmp_path / "run", **{"speeds": (20.0, 35.0), **changes}), Console(quiet=True))
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("hold", [1, 3])
