@@ -347,6 +347,7 @@ def test_cars_learn_and_are_assessed_at_speeds_of_their_own(tmp_path, monkeypatc
         ({"speeds": (20.0,)}, "--speeds must be two, from and to, got 1"),
         ({"env_keywords": '{"speed_ratio": 1.2}'}, "must not name a speed, too"),
         ({"imitate": "lqr"}, "designed for one speed"),
+        ({"residual": "lqr"}, "designed for one speed"),
     ],
 )
 def test_speeds_that_contradict_are_one_line(changes, text, tmp_path):
