@@ -26,7 +26,7 @@ help:
 	@echo "make headroom            every id and level: controllers tuned for it, best found, bound: runs/headroom.json, .png (an hour)"
 	@echo "make mpc                 planning ahead on the hard levels, told nothing, friction, the driver's future: runs/mpc.json (an hour)"
 	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json"
-	@echo "make entry-speed-learned three seeds learn to pass it, beside them in that file (20 minutes)"
+	@echo "make entry-speed-learned five seeds learn to pass it, beside them in that file (10 to 40 minutes)"
 	@echo "make alignment           does the reward ask for what success judges: runs/alignment.json, .png (10 minutes)"
 	@echo "make learning            every learner on every id and level, and ablations: runs/benchmark.json, .png (hours; goes on where it stopped)"
 	@echo "make robustness          what the policies that ship bear, beside classical controllers: runs/robustness-*.json, .png (15 minutes)"
@@ -100,7 +100,7 @@ entry-speed: $(VENV)/.installed-test
 
 # Of each seed one policy; the time limit lets cars below 16 m/s see but the beginning of the course.
 entry-speed-learned: $(VENV)/.installed-demo
-	for seed in 0 1 2; do run=runs/entry/iso3888-1-front/$$seed; [ -f $$run/policy.json ] || \
+	for seed in 0 1 2 3 4; do run=runs/entry/iso3888-1-front/$$seed; [ -f $$run/policy.json ] || \
 		$(BIN)/python -m agents.ppo --env-id BicycleDoubleLaneChange-v0 --seed $$seed --out $$run --total-timesteps 5000000 \
 		--env-keywords '{"course": "iso3888-1", "steer": "front", "max_episode_steps": 460}' --speeds 9 34 \
 		--hold 3 --history 2 --decisions 64 --success-bonus 100 || exit 1; done
