@@ -184,6 +184,10 @@ def refuse_run(path: Path) -> None:
         raise UserError(f"{path} holds a run already; choose another --out, or go on with --resume")
 
 
+LATER: dict[str, Any] = {"residual": "", "speeds": [], "plan": 0, "noise_hold": 1}
+"""Settings of agents.ppo that runs of earlier revisions lack, and what these did."""
+
+
 def earlier_record(
     folder: Folder, identity: Mapping[str, Any], check: Callable[[dict[str, Any]], object] = lambda _: None
 ) -> dict[str, Any] | None:
@@ -199,6 +203,9 @@ def earlier_record(
             if folder.checkpoint() is not None:
                 raise FileError(f"{folder.path} has a checkpoint, but no run.json")
             return None
+        settings, now = before.get("settings"), identity.get("settings", {})
+        if isinstance(settings, dict):
+            before["settings"] = {name: value for name, value in LATER.items() if name in now} | settings
         for name, value in identity.items():
             if before.get(name) != value:
                 place, *values = _difference(name, before.get(name), value)

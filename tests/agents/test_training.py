@@ -78,6 +78,19 @@ def test_a_run_stopped_before_anything_was_assessed(tmp_path):
     assert [entry["exact"] for entry in record(tmp_path / "run")["resumed"]] == [True]
 
 
+def test_a_run_of_a_revision_with_fewer_settings_goes_on(straight, tmp_path):
+    folder = tmp_path / "run"
+    with pytest.raises(stopping.Stopped):
+        start(folder, stop_at=0)
+    before = record(folder)
+    for name in run_folder.LATER:
+        del before["settings"][name]
+    (folder / "run.json").write_text(json.dumps(before))
+    start(folder, resume=True)
+    assert_equal(folder, straight)
+    assert record(folder)["settings"] == record(straight)["settings"]
+
+
 @pytest.mark.exhaustive
 def test_a_kill_and_two_stops(straight, tmp_path, monkeypatch):
     class KilledError(BaseException):
