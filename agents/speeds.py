@@ -10,6 +10,9 @@ import numpy as np
 from agents.messages import UserError
 
 
+ONE = "--speeds without numbers drives all cars at one"
+
+
 def own(speeds: Sequence[float], count: int) -> dict[str, Any]:
     """The keyword that gives each of so many cars its speed; none without speeds."""
     return {"speed": np.linspace(*speeds, count)} if speeds else {}
@@ -22,7 +25,7 @@ def check(args: Any, keywords: Mapping[str, Any]) -> None:
     if len(args.speeds) != 2:
         raise UserError(f"--speeds must be two, from and to, got {len(args.speeds)}")
     if {"speed", "speed_ratio"} & set(keywords):
-        raise UserError("--speeds: --env-keywords must not name a speed, too")
+        raise UserError(f"--speeds: --env-keywords must not name a speed, too; {ONE}")
     for name in ("imitate", "residual"):
         if getattr(args, name):
-            raise UserError(f"--speeds: a controller for --{name} is designed for one speed")
+            raise UserError(f"--speeds: a controller for --{name} is designed for one speed; {ONE}")
