@@ -9,7 +9,6 @@ import numpy as np
 
 from agents.messages import UserError
 
-
 ONE = "--speeds without numbers drives all cars at one"
 
 
