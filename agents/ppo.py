@@ -332,9 +332,7 @@ def train(args: Args, console: Console, watch: training.Watch | None = None) -> 
     learner = Learner(args, cars)
     optimizer = torch.optim.Adam(learner.parameters(), args.learning_rate, eps=1e-5)
     plan = training.Plan(args.env_id, keywords, ALGORITHM, args.seed, chosen, args.total_timesteps)
-    manner = training.manner(args, assessed.plant)
-    if args.residual:
-        manner |= residual.manner(args.residual, assessed.plant)
+    manner = training.manner(args, assessed.plant) | residual.manner(args.residual, assessed.plant)
     with training.run_in(path, plan, assessed, manner, args.resume, console, args.quiet) as (run, arrays):
         run.watch = watch
         if arrays is None:
@@ -366,7 +364,7 @@ def state(learner: Learner, optimizer: torch.optim.Optimizer, cars: Cars) -> sta
         **state_arrays.of_adam("adam", optimizer),
         **state_arrays.of_process(),
         **state_arrays.of_cars(cars.env.snapshot()),
-        **(cars.env.state_of_the_law() if isinstance(cars.env, residual.OnTop) else {}),
+        **residual.state(cars.env),
         "seen": cars.seen.copy(),
         "over": cars.over.copy(),
         "forfeited": cars.forfeited.copy(),
@@ -379,8 +377,7 @@ def put(arrays: state_arrays.Arrays, learner: Learner, optimizer: torch.optim.Op
         state_arrays.put_tensors(learner.state_dict(), arrays)
         state_arrays.put_adam("adam", optimizer, arrays)
         seen = state_arrays.put_cars(cars.env, cars.env.dtype, len(cars.over), arrays)
-        if isinstance(cars.env, residual.OnTop):
-            cars.env.put(arrays, seen)
+        residual.put(cars.env, arrays, seen)
         cars.seen = arrays.take("seen", np.float32, *cars.seen.shape)
         cars.over = arrays.take("over", np.bool_, *cars.over.shape)
         cars.forfeited = arrays.take("forfeited", np.bool_, *cars.forfeited.shape)

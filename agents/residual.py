@@ -38,7 +38,9 @@ def base(name: str, plant: Any) -> control.TunablePolicy:
 
 
 def manner(name: str, plant: Any) -> dict[str, Any]:
-    """What a policy's file says of its base."""
+    """What a policy's file says of its base; nothing without a name."""
+    if not name:
+        return {}
     law = base(name, plant)
     names = [one.name for one in control.searched(type(law), plant)]
     return {BASE: {"controller": name, "parameters": dict(zip(names, law.values.tolist(), strict=True))}}
@@ -83,16 +85,27 @@ class OnTop:
         self._over = terminated | truncated
         return self._seen, rewards, terminated, truncated, info
 
-    def state_of_the_law(self) -> state_arrays.State:
+    def memory(self) -> state_arrays.State:
         """What the next step depends on, beside the cars."""
         memory = self._law.memory
         kept = {} if memory is None else {"base.memory": memory.of(len(self._over)).copy()}
         return {"base.over": self._over.copy(), **kept}
 
     def put(self, arrays: state_arrays.Arrays, seen: NDArray[np.float32]) -> None:
-        """Put back what :meth:`state_of_the_law` gave, where the cars are that see this."""
+        """Put back what :meth:`memory` gave, where the cars are that see this."""
         self._seen, self._over = seen, arrays.take("base.over", np.bool_, len(self._over))
         if (memory := self._law.memory) is not None:
             memory.reset()
             numbers = memory.of(len(self._over))
             numbers[:] = arrays.take("base.memory", np.float64, *numbers.shape)
+
+
+def state(env: Any) -> state_arrays.State:
+    """That of the controller beneath, if there is one."""
+    return env.memory() if isinstance(env, OnTop) else {}
+
+
+def put(env: Any, arrays: state_arrays.Arrays, seen: NDArray[np.float32]) -> None:
+    """Put back what :func:`state` gave."""
+    if isinstance(env, OnTop):
+        env.put(arrays, seen)

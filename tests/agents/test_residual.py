@@ -74,7 +74,7 @@ def test_a_row_that_has_ended_is_reset_by_its_next_step_and_the_law_forgets():
     actions = np.full((4, 2), 0.1, np.float32)
     for step in range(1, 9):
         _, rewards, terminated, truncated, _ = cars.step(actions)
-        remembers = cars.state_of_the_law()["base.memory"][:, 2]
+        remembers = cars.memory()["base.memory"][:, 2]
         assert np.all(truncated == (step % 4 == 3))
         assert not np.any(terminated)
         assert np.all((rewards == 0.0) == (step % 4 == 0))
