@@ -12,7 +12,9 @@ def test_wilson_by_hand():
     # 8 of 10: centre (0.8 + z2/20)/(1 + z2/10), the textbook's 0.4902 and 0.9433.
     assert wilson(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
     assert wilson(0, 10)[0] == 0.0
-    assert wilson(10, 10)[1] == pytest.approx(1.0)
+    assert wilson(10, 10)[1] == 1.0
+    assert [wilson(0, n)[0] for n in (200, 500, 2000)] == [0.0] * 3
+    assert [wilson(n, n)[1] for n in (200, 500, 2000)] == [1.0] * 3
 
 
 def test_interquartile_mean_by_hand():

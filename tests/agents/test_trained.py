@@ -244,7 +244,7 @@ def test_the_policy_of_the_package_by_its_word(tmp_path, run, monkeypatch):
     (tmp_path / "pretrained").mkdir()  # the word is no folder
     assert len(run("--policy", "pretrained", "lqr")[0]) == 2
     bicycle_env.register("Mine/Gone-v0", BicycleStabEnv.default_task)
-    with pytest.raises(UserError, match=r"env_id with a policy must be one of .*, got 'Mine/Gone-v0'\.$"):
+    with pytest.raises(UserError, match=r"env_id with a policy must be one of .*, got 'Mine/Gone-v0'"):
         run("--env-id", "Mine/Gone-v0", "--policy", "pretrained")
 
 

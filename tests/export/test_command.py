@@ -76,7 +76,7 @@ def test_every_mistake_is_one_line(words, text, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("--policy", "pretrained", "--env-id", "BicycleStab-v0", "--level", "har"), "policy must be one of 'medium'"),
+        (("--policy", "pretrained", "--env-id", "BicycleEvade-v0", "--level", "har"), "did you mean 'hard'"),
         (("--policy", "{tmp}"), "is not a policy folder"),
     ],
 )
