@@ -548,7 +548,16 @@ def fast() -> str:
 
 def ablations() -> str:
     """PPO on one id with one option after the other changed."""
-    result = read("ablations.json")
+    return ablations_table("ablations.json")
+
+
+def ablations_earlier() -> str:
+    """The same with longer trainings, and settings of before."""
+    return ablations_table("ablations_earlier.json")
+
+
+def ablations_table(file: str) -> str:
+    result = read(file)
     first = next(iter(result["cells"].values()))
     lines = [f"| `{first['env_id']}` {first['level']} | success [%] | of the seeds | return |", "|---|---|---|---|"]
     for part in result["cells"].values():
@@ -557,7 +566,7 @@ def ablations() -> str:
         lines.append(f"| {part['variant']} | " + " | ".join([*row, cell(part["over_seeds"], "episode_return")]) + " |")
     more = (
         f"{len(first['trainings'])} seeds each, {result['starts']} starts from seed {result['seed']}; interquartile "
-        "means over seeds, in brackets 95 % intervals; `results/ablations.json`."
+        f"means over seeds, in brackets 95 % intervals; `results/{file}`."
     )
     return "\n".join([*lines, "", made(result, more)])
 
@@ -638,6 +647,7 @@ TABLES = {
         summary,
         fast,
         ablations,
+        ablations_earlier,
     )
 }
 
