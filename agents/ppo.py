@@ -322,6 +322,7 @@ def train(args: Args, console: Console, watch: training.Watch | None = None) -> 
     keywords = parse_keywords(args.env_keywords)
     chosen = settings.own(args, ALGORITHM)
     speeds.check(args, keywords)
+    residual.check(args)
     path = args.out or Path("runs") / f"{args.env_id}-{ALGORITHM}-{args.seed}"
     messages.check_folder("--out", path)
     make_env(args.env_id, keywords).close()  # mistakes in the keywords are found here

@@ -17,6 +17,12 @@ from bicycle_env.control.policy import Policy
 from bicycle_env.control.residual import added
 
 
+def check(args: Any) -> None:
+    """UserError for a trainer that would have the controller's action twice."""
+    if args.residual and args.imitate:
+        raise UserError(f"--residual: the policy must not begin as the image of {args.imitate}, too; give --imitate ''")
+
+
 def base(name: str, plant: Any) -> control.TunablePolicy:
     """The controller, with the parameters tuned for the plant's id and level, or its own.
 

@@ -105,6 +105,12 @@ def test_whom_nothing_is_added_to_is_one_line(name, text):
     assert "\n" not in str(caught.value)
 
 
+def test_the_controller_does_not_act_twice(tmp_path):
+    with pytest.raises(UserError, match="--residual: .* image of lqr, too; give --imitate ''"):
+        start(tmp_path / "run", residual=BASE, imitate="lqr")
+    assert not (tmp_path / "run").exists()
+
+
 class Own(control.TunablePolicy):
     """Somebody's own."""
 
