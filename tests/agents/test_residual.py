@@ -106,7 +106,7 @@ def test_whom_nothing_is_added_to_is_one_line(name, text):
 
 
 def test_the_controller_does_not_act_twice(tmp_path):
-    with pytest.raises(UserError, match="--residual: .* image of lqr, too; give --imitate ''"):
+    with pytest.raises(UserError, match=r"--residual: .* image of lqr, too; give --imitate ''"):
         start(tmp_path / "run", residual=BASE, imitate="lqr")
     assert not (tmp_path / "run").exists()
 
