@@ -3,6 +3,7 @@
     python -m agents.benchmark                       # runs it, or goes on where it was stopped
     python -m agents.benchmark --quick               # ten minutes: two seeds, a tenth of the steps
     python -m agents.benchmark --plan ablations      # what each option of agents.ppo is worth, on one id
+    python -m agents.benchmark --plan remedies       # what was tried on the id where plain PPO fails
 
 A cell is an id, a level and a learner. Its seeds are trained in processes of their own, side by side, and kept in
 runs/benchmark/; what has finished there is not done again. Every policy then drives the same 2000 starts as the best
@@ -93,11 +94,30 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 }
 ABLATED = ("--total-timesteps", "3000000")
 """A sixth of the usual steps: an option is worth what it brings soon, and eight of them times three seeds take long."""
+FROM_NOTHING = ("--imitate", "", "--deviation", "0.37", "--critic-alone", "0", "--learning-rate", "0.001")
+REMEDIES: dict[str, tuple[str, ...]] = {
+    "as it is": (),
+    "from nothing": FROM_NOTHING,
+    "no bonus for success": ("--success-bonus", "0"),
+    "one observation": ("--history", "1"),
+    "critic sees what the policy sees": ("--no-informed-critic",),
+    "the path is planned first": ("--plan", "20"),
+    "on top of evade-path": ("--imitate", "", "--residual", "evade-path"),
+    "four times as many cars": ("--cars", "2048"),
+    "half the noise": ("--deviation", "0.03"),
+}
+"""What was tried where plain PPO fails, on BicycleEvade-v0."""
+TRIED = ("--total-timesteps", "6000000")
+"""A fifth of the usual steps."""
 PLANS = {
     "table": PLAN,
     "ablations": tuple(
         Cell("BicycleActiveSteer-v0", "medium", "native-ppo", 3, name, (*ABLATED, *options))
         for name, options in VARIANTS.items()
+    ),
+    "remedies": tuple(
+        Cell("BicycleEvade-v0", "medium", "native-ppo", 3, name, (*TRIED, *options))
+        for name, options in REMEDIES.items()
     ),
 }
 
@@ -112,15 +132,16 @@ class Args:
     """Of each cell, 0, 1, 2, ...; by default as the plan says."""
     jobs: int = 2
     """Trainings at a time, one core each."""
-    plan: Literal["table", "ablations"] = "table"
-    """Every learner on every id and level; or, on one of them, PPO with one option after the other changed."""
+    plan: Literal["table", "ablations", "remedies"] = "table"
+    """Every learner on every id and level; or PPO with one option after the other changed, on BicycleActiveSteer-v0 or
+    on BicycleEvade-v0."""
     quick: bool = False
     """Two seeds of each cell, a tenth of the steps: to see that all works, not how well."""
     runs: Path | None = None
     """Folder of the trainings; by default runs/benchmark, with --quick runs/benchmark-quick."""
     out: Path | None = None
-    """Results file; by default runs/benchmark.json or runs/ablations.json, with --quick runs/benchmark-quick.json or
-    runs/ablations-quick.json. Cells not trained now stay in it."""
+    """Results file; by default runs/benchmark.json, or runs/ and the plan's name; with --quick
+    runs/benchmark-quick.json and so on. Cells not trained now stay in it."""
 
 
 class Job(NamedTuple):
@@ -312,7 +333,7 @@ def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.benchmark", description=__doc__)
     messages.check_least(args, seeds=1, jobs=1)
     quick = "-quick" if args.quick else ""  # quick cells never stand among the others
-    out = args.out or Path("runs") / f"{'benchmark' if args.plan == 'table' else 'ablations'}{quick}.json"
+    out = args.out or Path("runs") / f"{'benchmark' if args.plan == 'table' else args.plan}{quick}.json"
     messages.check_output("--out", out)
     runs = args.runs or Path("runs") / f"benchmark{quick}"
     messages.check_output("--runs", runs, folder=True)
@@ -333,7 +354,7 @@ def main() -> None:
         before[cell.name] = {**measured(cell, folders), **when}
         console.print(f"measured: {cell.name}")
     ordered = {cell.name: before[cell.name] for cell in PLANS[args.plan] if cell.name in before}
-    words = ["python -m agents.benchmark", *(["--plan ablations"] if args.plan == "ablations" else [])]
+    words = ["python -m agents.benchmark", *([f"--plan {args.plan}"] if args.plan != "table" else [])]
     command = " ".join([*words, *(["--quick"] if args.quick else [])])
     files.write_json(out, {"command": command, **made_by, "starts": STARTS, "seed": REPORT_SEED, "cells": ordered})
     if args.plan == "table":
