@@ -38,6 +38,14 @@ HEADS = ("driver", "seeds or starts", "success [%]", "on the road [%]", "return"
 TAKEN = ("id and level", "learner", "seeds", "of the seeds, success [%]", "better by [points]", "million steps",
          "seconds of a training", "seconds to the best found", "machine, date")  # fmt: skip
 
+HEADLINES = (
+    ("BicycleStab-v0", "medium", "to the optimum"),
+    ("BicycleActiveSteer-v0", "medium", "above linear and switched control"),
+    ("BicycleEvade-v0", "medium", "above the tuned path"),
+)
+"""Ids and levels of which something is claimed, and what."""
+CLAIMED = ("claim", "success [%]", "better than the best classical by [points]", "one command", "minutes")
+
 
 def learner(cell: Row) -> str:
     """A cell's learner, in words."""
@@ -179,6 +187,23 @@ def trainings(cells: Iterable[Row], path: Path = scores.FILE) -> str:
         row += [f"{statistics.median(seconds):.0f}, {min(seconds):.0f} to {max(seconds):.0f}"]
         row += [arrived(ones, scores.known_of(cell["env_id"], cell["level"], path))]
         row += [f"{cell['machine'].partition(',')[0]}, {cell['date']}"]
+        lines.append(f"| {' | '.join(row)} |")
+    return "\n".join(lines)
+
+
+def headlines(cells: Iterable[Row]) -> str:
+    """What is claimed of the best learner of an id and level, and the command that does it again from nothing."""
+    lines = [f"| {' | '.join(CLAIMED)} |", "|---" * len(CLAIMED) + "|"]
+    there = list(cells)
+    for env_id, level, claim in HEADLINES:
+        cell = best(one for one in there if (one["env_id"], one["level"]) == (env_id, level))
+        ones = cell["trainings"]
+        minutes = sum(one["seconds"] for one in ones) / 2.0 / 60.0  # two at a time
+        row = [f"`{env_id}` {level}: {claim}"]
+        row += [f"{figure(cell['over_seeds']['success_rate'], 100)}, {plural(len(ones), 'seed')}"]
+        row += [compared(difference(cell))]
+        row += [f"`python -m agents.benchmark --only {env_id} {level} {cell['learner']} --seeds {len(ones)}`"]
+        row += [f"{minutes:.0f}, {cell['machine'].partition(',')[0]}"]
         lines.append(f"| {' | '.join(row)} |")
     return "\n".join(lines)
 

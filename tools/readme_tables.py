@@ -546,6 +546,23 @@ def fast() -> str:
     return "\n".join([*lines, "", words])
 
 
+def headlines() -> str:
+    """Claims, each with the command that does it again; the highest entry speed is another results file's."""
+    table = benchmark_tables.headlines(read("benchmark.json")["cells"].values())
+    front = read("entry_speed.json")["courses"]["iso3888-1"]["front"]
+    learned, seeds = front["learned"]["highest"], front["learned"]["seeds"]
+    speeds = [one["highest"] for one in seeds]
+    row = [
+        "ISO 3888-1, front wheels: as fast as the tuned drivers",
+        f"{learned:.2f} m/s, {min(speeds):g} to {max(speeds):g}, {len(seeds)} seeds",
+        f"{learned - front['preview-tuned']['highest']:.2f} m/s to the driver's, "
+        f"{learned - front['lqr-tuned']['highest']:.2f} m/s to LQR's",
+        "`make entry-speed-learned`",
+        "20 to 40",
+    ]
+    return f"{table}\n| {' | '.join(row)} |"
+
+
 def ablations() -> str:
     """PPO on one id with one option after the other changed."""
     return ablations_table("ablations.json")
@@ -554,6 +571,11 @@ def ablations() -> str:
 def ablations_earlier() -> str:
     """The same with longer trainings, and settings of before."""
     return ablations_table("ablations_earlier.json")
+
+
+def remedies() -> str:
+    """What was tried where plain PPO fails."""
+    return ablations_table("remedies.json")
 
 
 def ablations_table(file: str) -> str:
@@ -646,7 +668,9 @@ TABLES = {
         margins,
         summary,
         fast,
+        headlines,
         ablations,
+        remedies,
         ablations_earlier,
     )
 }

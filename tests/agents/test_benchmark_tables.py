@@ -145,3 +145,16 @@ def test_the_picture_has_a_row_for_each_id_and_level(monkeypatch, tmp_path):
                     "SAC (Stable-Baselines3)", "best classical controller, tuned"]  # fmt: skip
     ends = figure.axes[2].lines[0]
     np.testing.assert_allclose(ends.get_ydata()[[0, -1]], [85.0, 75.0])
+
+
+def test_a_claim_stands_with_the_command_that_does_it_again():
+    ids = [(STAB, "policy-search"), (STEER, "native-ppo"), (EVADE, "native-ppo")]
+    cells = [cell(env_id, "medium", learner, [0.8, 0.81, 0.82]) for env_id, learner in ids]
+    found = rows(tables.headlines([cell(STAB, "medium", "native-ppo", [0.7]), *cells]))[1:]
+    assert [row[0].partition(":")[0] for row in found] == [f"`{env_id}` medium" for env_id, _ in ids]
+    assert found[0][1:3] == ["81.0 [80.0, 82.0], 3 seeds", "11.0 [9.0, 13.0]"]
+    assert found[0][3] == f"`python -m agents.benchmark --only {STAB} medium policy-search --seeds 3`"
+    words = found[0][3].strip("`").split()[3:]
+    args = benchmark.Args(only=tuple(words[1:4]), seeds=int(words[5]))
+    assert [one.name for one in benchmark.chosen(args)] == [f"{STAB} medium policy-search"]
+    assert found[0][4] == "2, A machine"
