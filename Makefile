@@ -28,7 +28,7 @@ help:
 	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json"
 	@echo "make entry-speed-learned five seeds learn to pass it, beside them in that file (10 to 40 minutes)"
 	@echo "make alignment           does the reward ask for what success judges: runs/alignment.json, .png (10 minutes)"
-	@echo "make learning            every learner on every id and level, ablations and remedies: runs/benchmark.json, .png (hours; goes on where it stopped)"
+	@echo "make learning            every learner on every id and level, ablations: runs/benchmark.json, .png, ablations.json, ... (hours; goes on where it stopped)"
 	@echo "make robustness          what the policies that ship bear, beside classical controllers: runs/robustness-*.json, .png (15 minutes)"
 	@echo "make scaling             trainings side by side, from one to the cores: runs/scaling.json (minutes; on a quiet machine)"
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
@@ -120,8 +120,8 @@ benchmark-vector: $(VENV)/.installed-bench
 
 learning: $(VENV)/.installed-demo
 	$(BIN)/python -m agents.benchmark --out $(OUT)/benchmark.json
-	$(BIN)/python -m agents.benchmark --plan ablations --out $(OUT)/ablations.json
-	$(BIN)/python -m agents.benchmark --plan remedies --out $(OUT)/remedies.json
+	for plan in ablations remedies exploration; do \
+		$(BIN)/python -m agents.benchmark --plan $$plan --out $(OUT)/$$plan.json || exit 1; done
 
 # Of the policies that ship, as BicycleStab-v0-medium.
 robustness: $(VENV)/.installed-demo

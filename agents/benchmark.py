@@ -4,6 +4,7 @@
     python -m agents.benchmark --quick               # ten minutes: two seeds, a tenth of the steps
     python -m agents.benchmark --plan ablations      # what each option of agents.ppo is worth, on one id
     python -m agents.benchmark --plan remedies       # what was tried on the id where plain PPO fails
+    python -m agents.benchmark --plan exploration    # actions and noise held or not, on the other ids
 
 A cell is an id, a level and a learner. Its seeds are trained in processes of their own, side by side, and kept in
 runs/benchmark/; what has finished there is not done again. Every policy then drives the same 2000 starts as the best
@@ -29,6 +30,7 @@ from rich import box
 from rich.table import Table
 
 from agents import benchmark_picture, messages, scores, settings
+from agents.benchmark_plans import PLANS, Cell
 from agents.episodes import start_seeds
 from agents.evaluate import console_for_tables
 from agents.messages import UserError
@@ -53,75 +55,6 @@ PROFILE = [round(0.01 * k, 2) for k in range(101)]
 """Success rates of which it is told how many seeds reach them."""
 
 
-class Cell(NamedTuple):
-    """Some seeds of a learner on an id and level."""
-
-    env_id: str
-    level: str
-    learner: str
-    seeds: int
-    variant: str = ""
-    """What is other than the settings of the id and level, in words; and as options of the trainer."""
-    options: tuple[str, ...] = ()
-
-    @property
-    def name(self) -> str:
-        return " ".join(filter(None, (self.env_id, self.level, self.learner, self.variant)))
-
-
-ROOM = ("BicycleStab-v0", "BicycleActiveSteer-v0", "BicycleEvade-v0")
-PLAN = (
-    *(Cell(env_id, "medium", learner, 10) for env_id in ROOM for learner in ("native-ppo", "policy-search")),
-    *(Cell(env_id, "hard", learner, 10) for env_id in ROOM for learner in ("native-ppo", "policy-search")),
-    *(
-        Cell(env_id, "medium", learner, 5)
-        for env_id in ("BicycleLaneChange-v0", "BicycleDoubleLaneChange-v0")
-        for learner in ("native-ppo", "policy-search")
-    ),
-    *(Cell(env_id, "medium", "sb3-ppo", 5) for env_id in ("BicycleStab-v0", "BicycleActiveSteer-v0")),
-    Cell("BicycleStab-v0", "medium", "sb3-sac", 3),
-)
-"""In the order in which it is driven."""
-VARIANTS: dict[str, tuple[str, ...]] = {
-    "as it is": (),
-    "an action for every control step": ("--hold", "1", "--decisions", "320"),
-    "one observation": ("--history", "1"),
-    "no mirror image": ("--no-mirrored",),
-    "critic sees what the policy sees": ("--no-informed-critic",),
-    "forfeited episodes go on": ("--no-end-forfeited",),
-    "begins as rear-switched": ("--imitate", "rear-switched", "--critic-alone", "10", "--deviation", "0.1"),
-    "on top of rear-switched": ("--residual", "rear-switched", "--critic-alone", "10", "--deviation", "0.1"),
-}
-ABLATED = ("--total-timesteps", "3000000")
-"""A sixth of the usual steps: an option is worth what it brings soon, and eight of them times three seeds take long."""
-FROM_NOTHING = ("--imitate", "", "--deviation", "0.37", "--critic-alone", "0", "--learning-rate", "0.001")
-REMEDIES: dict[str, tuple[str, ...]] = {
-    "as it is": (),
-    "from nothing": FROM_NOTHING,
-    "no bonus for success": ("--success-bonus", "0"),
-    "one observation": ("--history", "1"),
-    "critic sees what the policy sees": ("--no-informed-critic",),
-    "the path is planned first": ("--plan", "20"),
-    "on top of evade-path": ("--imitate", "", "--residual", "evade-path"),
-    "four times as many cars": ("--cars", "2048"),
-    "half the noise": ("--deviation", "0.03"),
-}
-"""What was tried where plain PPO fails, on BicycleEvade-v0."""
-TRIED = ("--total-timesteps", "6000000")
-"""A fifth of the usual steps."""
-PLANS = {
-    "table": PLAN,
-    "ablations": tuple(
-        Cell("BicycleActiveSteer-v0", "medium", "native-ppo", 3, name, (*ABLATED, *options))
-        for name, options in VARIANTS.items()
-    ),
-    "remedies": tuple(
-        Cell("BicycleEvade-v0", "medium", "native-ppo", 3, name, (*TRIED, *options))
-        for name, options in REMEDIES.items()
-    ),
-}
-
-
 @dataclass
 class Args:
     """Train and compare every learner, or go on with it; the table, one results file and its pictures."""
@@ -132,9 +65,9 @@ class Args:
     """Of each cell, 0, 1, 2, ...; by default as the plan says."""
     jobs: int = 2
     """Trainings at a time, one core each."""
-    plan: Literal["table", "ablations", "remedies"] = "table"
+    plan: Literal["table", "ablations", "remedies", "exploration"] = "table"
     """Every learner on every id and level; or PPO with one option after the other changed, on BicycleActiveSteer-v0 or
-    on BicycleEvade-v0."""
+    on BicycleEvade-v0, or with other ways to try things out on the rest."""
     quick: bool = False
     """Two seeds of each cell, a tenth of the steps: to see that all works, not how well."""
     runs: Path | None = None

@@ -76,7 +76,7 @@ def test_the_printed_table_has_a_row_for_each_cell():
     assert found["score"] == [f"{known.score(0.5):.2f}"]
 
 
-@pytest.mark.parametrize("name", ["benchmark.json", "ablations.json", "remedies.json"])
+@pytest.mark.parametrize("name", ["benchmark.json", "ablations.json", "remedies.json", "exploration.json"])
 def test_the_committed_cells_are_of_the_plan(name):
     path = RESULTS / name
     if not path.is_file():
