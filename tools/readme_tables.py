@@ -12,6 +12,7 @@ import argparse
 import re
 import statistics
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -578,6 +579,32 @@ def remedies() -> str:
     return ablations_table("remedies.json")
 
 
+HELD = ("an action for every control step", "actions are held for three steps", "only the noise is held")
+
+
+def exploration() -> str:
+    """What holding actions or noise is worth on every id; two of the rows are of the other plans."""
+    lines = ["| success [%], medium | million steps | " + " | ".join(HELD) + " |", "|---" * (len(HELD) + 2) + "|"]
+    results = {name: read(f"{name}.json") for name in ("exploration", "ablations", "remedies")}
+    rows: dict[str, dict[str, Any]] = {}
+    for result in results.values():
+        for part in result["cells"].values():
+            rows.setdefault(part["env_id"], {})[part["variant"]] = part
+    drawn: list[dict[str, Any]] = []
+    for env_id, parts in rows.items():
+        three = [parts.get(name, parts["as it is"]) for name in HELD]  # one of them is as it is
+        drawn += three
+        steps = benchmark_tables.millions(three[0]["trainings"][0]["timesteps"])
+        row = [cell(part["over_seeds"], "success_rate", 100) for part in three]
+        lines.append(f"| `{env_id}` | {steps} | {' | '.join(row)} |")
+    result = results["exploration"]
+    more = (
+        f"and with `--plan ablations`, `--plan remedies`; {over_seeds(drawn, result)}; `results/exploration.json`, "
+        "`ablations.json`, `remedies.json`."
+    )
+    return "\n".join([*lines, "", made(result, more)])
+
+
 def ablations_table(file: str) -> str:
     result = read(file)
     first = next(iter(result["cells"].values()))
@@ -586,11 +613,15 @@ def ablations_table(file: str) -> str:
         low, high = (100 * end for end in part["over_seeds"]["success_rate"]["range"])
         row = [cell(part["over_seeds"], "success_rate", 100), f"{low:.1f} to {high:.1f}"]
         lines.append(f"| {part['variant']} | " + " | ".join([*row, cell(part["over_seeds"], "episode_return")]) + " |")
-    more = (
-        f"{len(first['trainings'])} seeds each, {result['starts']} starts from seed {result['seed']}; interquartile "
-        f"means over seeds, in brackets 95 % intervals; `results/{file}`."
-    )
+    more = f"{over_seeds(result['cells'].values(), result)}; `results/{file}`."
     return "\n".join([*lines, "", made(result, more)])
+
+
+def over_seeds(cells: Iterable[dict[str, Any]], result: dict[str, Any]) -> str:
+    """How many seeds and starts, and what stands in the columns."""
+    seeds = " or ".join(str(count) for count in sorted({len(part["trainings"]) for part in cells}))
+    words = f"{seeds} seeds each, {result['starts']} starts from seed {result['seed']}"
+    return f"{words}; interquartile means over seeds, in brackets 95 % intervals"
 
 
 def compat() -> str:
@@ -669,6 +700,7 @@ TABLES = {
         summary,
         fast,
         headlines,
+        exploration,
         ablations,
         remedies,
         ablations_earlier,
