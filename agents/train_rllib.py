@@ -30,7 +30,6 @@ from rich.console import Console
 
 import bicycle_env  # noqa: F401  (registers the environments)
 from agents import messages, settings, stopping, training
-from agents.episodes import start_seeds
 from agents.evaluate import make_env, parse_keywords
 from agents.messages import UserError
 from agents.run_folder import begun, earlier_record, held, refuse_run
@@ -164,10 +163,7 @@ def train(args: Args, console: Console) -> int:
         raise UserError(f"--resume: {path} holds no run")
     if not args.resume:
         refuse_run(path)
-    assessed, seeds = (
-        optimum.Cars(args.env_id, keywords),
-        start_seeds(training.SELECTED, training.SELECTION_SEED, "select"),
-    )
+    selection = training.Selection(optimum.Cars(args.env_id, keywords))
     own = ("runners", "cars", "decisions", "epochs", "minibatch", "learning_rate", "gamma", "width")
     identity = {
         "env_id": args.env_id,
@@ -186,54 +182,39 @@ def train(args: Args, console: Console) -> int:
             logging.getLogger(name).setLevel(logging.ERROR)
         ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False, ignore_reinit_error=True)
         algorithm = configuration(args, keywords).build_algo()
-        place, curve, steps = path / CHECKPOINT, list[str](), 0
-        best, chosen, spent = (-1.0, 0.0, 0), None, 0.0
+        place, steps, spent = path / CHECKPOINT, 0, 0.0
         if before is not None and place.is_dir():
             algorithm.restore_from_path(str(place.resolve()))
             steps, spent = int(before.get("timesteps", 0)), float(before.get("seconds", 0.0))
-            curve = (path / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
+            selection.curve = (path / "curve.csv").read_text(encoding="utf-8").splitlines()[1:]
             if (path / control.network.DESCRIPTION_FILE).is_file():
-                chosen, kept = control.load(path), before["best"]
-                best = (kept["success_rate"], kept["episode_return"], kept["timesteps"])
+                selection.policy, kept = control.network.read(path), before["best"]
+                selection.best = (kept["success_rate"], kept["episode_return"], kept["timesteps"])
         begin, enough = time.perf_counter(), math.inf if args.enough_return is None else args.enough_return
         try:
             with messages.progress() as bar:
                 job = bar.add_task(args.env_id, total=args.total_timesteps, visible=not args.quiet)
-                while steps < args.total_timesteps and best[1] < enough:
+                while steps < args.total_timesteps and selection.best[1] < enough:
                     result = algorithm.train()
                     steps = int(result["num_env_steps_sampled_lifetime"])
                     module = algorithm.get_module()
                     policy = network(module, names, {**identity_of_policy(identity), "timesteps": steps})
-                    driven = optimum.drive(assessed.of(training.SELECTED), optimum.by(policy), seeds)
-                    success, gained, length = (float(np.mean(column)) for column in np.take(driven, (0, 2, 3), axis=0))
-                    seconds = spent + time.perf_counter() - begin
-                    curve.append(f"{steps},{seconds:.1f},{success:.4f},{gained:.3f},{length:.1f}")
-                    if (success, gained) > best[:2]:
-                        best, chosen = (success, gained, steps), policy
-                    bar.update(job, completed=steps, description=f"{args.env_id}: best saves {100.0 * best[0]:.1f} %")
+                    selection.assess(policy, steps, spent + time.perf_counter() - begin)
+                    words = f"{args.env_id}: best saves {100.0 * selection.best[0]:.1f} %"
+                    bar.update(job, completed=steps, description=words)
         finally:
             algorithm.save_to_path(str(place.resolve()))
             algorithm.stop()
             ray.shutdown()
-            if chosen is not None:
-                chosen.save(path)
-            over = steps >= args.total_timesteps or best[1] >= enough
-            told = {
-                "timesteps": best[2],
-                "success_rate": best[0],
-                "episode_return": best[1],
-                "starts": training.SELECTED,
-            }
+            best = {} if selection.policy is None else {"best": selection.save(path)}
+            over = steps >= args.total_timesteps or selection.best[1] >= enough
             seconds = round(spent + time.perf_counter() - begin, 1)
-            folder.write_record({**record, "finished": over, "timesteps": steps, "seconds": seconds, "best": told})
-            folder.write_curve(curve)
+            folder.write_record({**record, "finished": over, "timesteps": steps, "seconds": seconds, **best})
+            folder.write_curve(selection.curve)
     console.print(
-        f"{args.env_id}, seed {args.seed}: {steps:,} steps in {seconds:.0f} s; the best policy, after {best[2]:,} of "
-        f"them, saves {100.0 * best[0]:.1f} % of the {training.SELECTED} starts that chose it\n"
-        f"policy and record of the run: {path}",
-        soft_wrap=True,
+        selection.summary(f"{args.env_id}, seed {args.seed}", args.env_id, steps, seconds, path), soft_wrap=True
     )
-    return int(best[1] < enough < math.inf)
+    return int(selection.best[1] < enough < math.inf)
 
 
 def identity_of_policy(identity: dict[str, Any]) -> dict[str, Any]:
