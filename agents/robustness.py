@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -29,7 +29,7 @@ from agents.episodes import start_seeds
 from agents.evaluate import find_policy, make_env, parse_keywords
 from agents.messages import UserError
 from agents.statistics import mean, share
-from bicycle_env import Sensors, control, files, optimum, provenance
+from bicycle_env import Sensors, control, distributions, files, optimum, provenance
 from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.control import Policy
 from bicycle_env.control.design.margins import Loop, margins
@@ -110,8 +110,6 @@ def stated(plant: Any, keywords: Mapping[str, Any]) -> dict[str, Any]:
 def changed(plant: Any, quantity: str, value: float, keywords: Mapping[str, Any] = MappingProxyType({})) -> Any:
     """Keywords of the environment in which a quantity is another than these say."""
     car, speed = plant.vehicle, plant.speed
-    if quantity == "friction":
-        return {"friction": value * plant.friction}
     if quantity == "action_delay":
         return {"action_delay": keywords.get("action_delay", 0) + int(value)}
     if quantity == "noise":
@@ -119,7 +117,23 @@ def changed(plant: Any, quantity: str, value: float, keywords: Mapping[str, Any]
     if quantity == "speed":
         return {"speed": value * speed}
     names = ("front_cornering_stiffness", "rear_cornering_stiffness") if quantity == "stiffness" else (quantity,)
-    return {"vehicle": replace(car, **{name: value * getattr(car, name) for name in names}), "speed": speed}
+    drawn = scaled(keywords.get("randomise") or {}, names, value)
+    if quantity == "friction":
+        return {"friction": value * plant.friction, **drawn}
+    return {"vehicle": replace(car, **{name: value * getattr(car, name) for name in names}), "speed": speed, **drawn}
+
+
+def scaled(randomise: Mapping[str, Any], names: Sequence[str], factor: float) -> dict[str, Any]:
+    """The keyword for what is drawn for each episode, where these are drawn as numbers of their own and not per the
+    nominal one; else nothing, as they follow that."""
+    found = {}
+    for name in {*names} & {*randomise}:
+        chosen: Any = distributions.resolve(f"randomise[{name!r}]", randomise[name])
+        if not chosen.relative:
+            numbers = {one.name: getattr(chosen, one.name) for one in fields(chosen) if one.init}
+            del numbers["relative"]
+            found[name] = replace(chosen, **{key: (factor * np.array(one)).tolist() for key, one in numbers.items()})
+    return {"randomise": {**randomise, **found}} if found else {}
 
 
 def points(keywords: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:

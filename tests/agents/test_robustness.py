@@ -12,7 +12,7 @@ import pytest
 
 from agents import robustness, scores
 from agents.messages import UserError
-from bicycle_env import control
+from bicycle_env import control, distributions
 from bicycle_env.control.design.margins import margins, state_feedback_loop
 from bicycle_env.control.policy import Policy
 
@@ -144,6 +144,27 @@ def test_one_quantity_is_another_and_the_speed_stays(quantity, value, check):
     env = gym.make("BicycleStab-v0", **robustness.changed(ENV, quantity, value)).unwrapped
     assert check(env)
     assert quantity == "speed" or env.speed == ENV.speed
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ((0.4, 1.0), {"low": 0.2, "high": 0.5}),
+        ([0.4, 1.0], {"low": 0.2, "high": 0.5}),
+        ({"name": "normal", "mean": 0.8, "deviation": 0.2, "low": 0.4, "high": 1.0}, {"mean": 0.4, "deviation": 0.1}),
+        (distributions.Choice(values=(0.4, 1.0)), {"values": (0.2, 0.5)}),
+    ],
+)
+def test_what_is_drawn_for_each_episode_is_another_too(given, wanted):
+    """Else a hidden friction would stay what it was, whatever the nominal car's is."""
+    own = {"randomise": {"friction": given, "mass": (0.9, 1.2, "relative")}}
+    changed = robustness.changed(ENV, "friction", 0.5, own)
+    drawn = changed["randomise"]["friction"]
+    assert {name: getattr(drawn, name) for name in wanted} == wanted
+    assert changed["randomise"]["mass"] == (0.9, 1.2, "relative")
+    assert changed["friction"] == 0.5 * ENV.friction
+    assert "randomise" not in robustness.changed(ENV, "mass", 1.1, own)  # it follows the nominal one
+    assert "randomise" not in robustness.changed(ENV, "speed", 1.1, own)
 
 
 @pytest.mark.exhaustive
