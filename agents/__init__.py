@@ -11,7 +11,10 @@ guard_imports()
 # other work a gain of the LQR takes four times as long with them.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-_NEEDED = ("matplotlib", "rich", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro")
+_NEEDED = (
+    *("gymnasium", "matplotlib", "numba", "numpy", "rich", "scipy", "stable_baselines3", "tensorboard", "torch"),
+    *("tqdm", "tyro"),
+)
 _missing = [name for name in _NEEDED if find_spec(name) is None]
 if _missing:
     raise SystemExit(

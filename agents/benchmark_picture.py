@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from agents import messages
 from agents.benchmark_tables import LEARNERS
+from agents.scores import LEVELS
 from agents.statistics import iqm
 from bicycle_env import files
 from bicycle_env.plots.style import BLACK, BLUE, GREEN, ORANGE, PINK, RED, LineStyle, dress, new_figure, save
@@ -67,7 +68,9 @@ class Curves:
 
 def draw(cells: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """A row for each id and level: success while training against steps and seconds, and at the end."""
-    places = list(dict.fromkeys((cell["env_id"], cell["level"]) for cell in cells.values()))
+    ids = list(dict.fromkeys(cell["env_id"] for cell in cells.values()))
+    there = {(cell["env_id"], cell["level"]) for cell in cells.values()}
+    places = sorted(there, key=lambda place: (ids.index(place[0]), LEVELS.index(place[1])))
     figure = new_figure(12.0, 2.25 * len(places) + 1.5)
     figure.suptitle(WHAT, fontsize=10)
     axes = np.reshape(figure.subplots(len(places), 3, sharey="row", width_ratios=(3, 3, 2)), (-1, 3))
@@ -116,15 +119,16 @@ def draw_place(row: Sequence[Any], cells: Sequence[Mapping[str, Any]]) -> None:
         top = max(top, 100.0 * float(curves.most.max()))
     for axis in row:
         axis.axhline(classical, color=BLACK, linestyle="--", linewidth=1.0)
+    dress(row[0], xlabel="control steps [millions]", ylim=(-3.0, min(103.0, 1.15 * top + 3.0)))
+    dress(row[1], xlabel="seconds of training, one core")
+    dress(row[2], xlabel="seeds that save at least so much [%]", xlim=(-3.0, 103.0))
     for axis, lengths in zip(row, zip(*longest, strict=True), strict=False):
         if max(lengths) > FAR_APART * min(lengths):
             axis.set_xscale("log")
             axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+            axis.set_xlabel(f"{axis.get_xlabel()}, logarithmic")
         else:
             axis.set_xlim(left=0.0)
-    dress(row[0], xlabel="control steps [millions]", ylim=(-3.0, min(103.0, 1.15 * top + 3.0)))
-    dress(row[1], xlabel="seconds of training, one core")
-    dress(row[2], xlabel="seeds that save at least so much [%]", xlim=(-3.0, 103.0))
 
 
 def read(path: Path) -> dict[str, Any]:

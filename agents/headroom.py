@@ -34,11 +34,11 @@ from agents import headroom_picture, headroom_setting, messages
 from agents.evaluate import console_for_tables
 from agents.headroom_setting import FULL, QUICK, Extent, Setting
 from agents.messages import UserError
+from agents.scores import LEVELS
 from bicycle_env import Actuator, provenance
 from bicycle_env.files import FileError, anything, mapping, read_json, write_json
 from bicycle_env.registration import ENVIRONMENTS
 
-LEVELS = ("easy", "medium", "hard")
 STAB = "BicycleStab-v0"
 
 

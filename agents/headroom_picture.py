@@ -30,6 +30,7 @@ def draw(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
             axes.barh(place, rates[BOUND], height=0.86, color="0.93", edgecolor="0.6", linewidth=0.6)
         axes.barh(place, rates[BEST], height=0.62, color=colours[BEST], alpha=0.35)
         if BLIND in rates:
+            axes.barh(place, rates[BLIND], height=0.62, color="white")  # one shade through another is a third
             axes.barh(place, rates[BLIND], height=0.62, color=colours[BLIND], alpha=0.55)
         axes.barh(place, rates[classical], height=0.34, color=colours["classical"])
         if LEARNED in rates:

@@ -90,7 +90,7 @@ def learning_curves(curves: list[Path], env_id: str, lines: dict[str, float], pa
     axis = figure.subplots()
     for k, curve in enumerate(curves):
         rows = list(csv.DictReader(io.StringIO(read_bytes(curve).decode("utf-8"))))
-        steps = [float(row["timesteps"]) / 1000 for row in rows]
+        steps = [float(row["timesteps"]) / 1e6 for row in rows]
         label = "while it learns, on the starts that select" + (f" ({len(curves)} seeds)" if len(curves) > 1 else "")
         axis.plot(
             steps, [100 * float(row["success_rate"]) for row in rows], color=BLUE, alpha=0.8, label="" if k else label
@@ -100,7 +100,7 @@ def learning_curves(curves: list[Path], env_id: str, lines: dict[str, float], pa
         axis.axhline(100 * share, color=color, linestyle=line, label=f"{LABELS[name]}, on the starts that report")
     dress(
         axis,
-        xlabel="environment steps [thousands]",
+        xlabel="environment steps [millions]",
         ylabel="success [%]",
         ylim=(-3, 103),
         title=f"Learning {env_id}",

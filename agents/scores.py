@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from bicycle_env.files import listed, mapping, number_in, read_json, table, text
 
 FILE = Path(__file__).parents[1] / "results" / "headroom.json"
+LEVELS = ("easy", "medium", "hard")
 RATE = number_in(0.0, 1.0)
 SIDE = table({"driver": text(), "success_rate": RATE, "episode_return": number_in(-1e12, 1e12)}, others=True)
 PART = table(

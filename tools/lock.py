@@ -118,6 +118,7 @@ def commands(extra: str) -> list[list[str]]:
 
 def install(extra: str) -> None:
     """Install the package with an extra into this Python, from the locks where they fit."""
+    print(f"installing what {extra} needs, quietly: some minutes where it is to be downloaded", flush=True)
     for arguments in commands(extra):
         pip(arguments)
 

@@ -230,7 +230,9 @@ def read(folder: str | Path) -> Network:
     description = read_json(folder / DESCRIPTION_FILE, DESCRIPTION)
     content = read_bytes(folder / WEIGHTS_FILE, LARGEST)
     if description.pop("weights_sha256") != _sha256(content):
-        raise FileError(f"{shown(folder / WEIGHTS_FILE)}: does not belong to the {DESCRIPTION_FILE} beside it")
+        raise FileError(
+            f"{shown(folder / WEIGHTS_FILE)}: does not belong to the {DESCRIPTION_FILE} beside it, or is damaged"
+        )
     tensors = unpack_arrays(content, folder / WEIGHTS_FILE)
     with naming(folder / WEIGHTS_FILE):
         shapes = description["layers"]
@@ -242,6 +244,7 @@ def read(folder: str | Path) -> Network:
             raise ValueError(f"has other layers than {DESCRIPTION_FILE} announces: {shapes!r}")
         if any(array.dtype != np.float32 for array in tensors.values()):
             raise ValueError("the layers must be of dtype F32")
+    with naming(folder / DESCRIPTION_FILE):  # it announces the shapes, too
         return Network(layers, description["activation"], description["output"], description)
 
 
