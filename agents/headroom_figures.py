@@ -24,6 +24,19 @@ def rate(values: NDArray[Any]) -> dict[str, Any]:
     return share(values) if values.dtype == bool else mean(values)
 
 
+def of_driver(outcomes: Outcomes, sees: str, searched: int, seconds: float) -> dict[str, Any]:
+    """How a driver did: on all starts, and on the first, which the search for steering drives, too."""
+    return {
+        "sees": sees,
+        "success_rate": rate(outcomes.success),
+        "on_road_rate": rate(outcomes.on_road),
+        "episode_return": mean(outcomes.episode_return),
+        "starts": len(outcomes.success),
+        "success_rate_of_searched": float(np.mean(outcomes.success[:searched])),
+        "seconds": seconds,
+    }
+
+
 def side(driver: str, outcomes: Outcomes, starts: int) -> dict[str, Any]:
     """A driver's means on the first starts."""
     success, _, episode_return, _ = (np.mean(column[:starts]) for column in outcomes)

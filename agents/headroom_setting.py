@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.episodes import start_seeds
-from agents.headroom_figures import of_sequences, plain, rate, side
-from agents.statistics import bootstrap, mean, share
+from agents.headroom_figures import of_driver, of_sequences, plain, side
+from agents.statistics import bootstrap, share
 from bicycle_env import analysis, control, optimum
 from bicycle_env.optimum import Cars, Outcomes, by
 from bicycle_env.tasks.altered import AlteredTask
@@ -155,16 +155,7 @@ class _Study:
         return optimum.drive(cars.of(len(self.seeds)), by(policy), self.seeds)
 
     def row(self, name: str, outcomes: Outcomes, sees: str, **more: Any) -> None:
-        figures = {
-            "sees": sees,
-            "success_rate": rate(outcomes.success),
-            "on_road_rate": rate(outcomes.on_road),
-            "episode_return": mean(outcomes.episode_return),
-            "starts": len(outcomes.success),
-            "success_rate_of_searched": float(np.mean(outcomes.success[: len(self.searched)])),
-            "seconds": self.lap(),
-        }
-        self.rows[name] = Row(outcomes, {**figures, **more})
+        self.rows[name] = Row(outcomes, {**of_driver(outcomes, sees, len(self.searched), self.lap()), **more})
 
     def tuning(
         self,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents import headroom, headroom_figures, headroom_picture, headroom_setting
+from agents import headroom, headroom_figures, headroom_picture, headroom_policies, headroom_setting
 from agents.episodes import start_seeds
 from agents.headroom_setting import BEST, BLIND, BOUND, LEARNED, UNCONTROLLED, Extent
 from agents.messages import UserError
@@ -141,6 +141,50 @@ def test_a_picture_of_made_up_rates(tmp_path):
     hidden = {**part, "drivers": {**rows, BLIND: row(0.6), BOUND: row(0.8)}, "reference": side(BLIND, 0.6)}
     headroom_picture.draw({"one": part, "two": hidden}, tmp_path / "room.png")
     assert (tmp_path / "room.png").stat().st_size > 10_000
+
+
+def of_few_starts(name, starts=24, **changes):
+    """A part of the committed study as of fewer starts."""
+    part = json.loads((RESULTS / "headroom.json").read_text())["settings"][name]
+    law = part["classical"]["driver"]
+    rows = {name: {**row, "starts": starts} for name, row in part["drivers"].items() if name != LEARNED}
+    assert law in rows
+    return {**part, "drivers": rows, **changes}
+
+
+def test_a_policy_that_came_after_the_study_has_its_row():
+    part = of_few_starts("BicycleStab-v0 medium")
+    found = headroom_policies.with_policy(part, 1)
+    row = found["drivers"][LEARNED]
+    policy = control.load_policy("BicycleStab-v0", "medium")
+    seeds = start_seeds(24, 1)
+    outcomes = optimum.drive(optimum.Cars("BicycleStab-v0", {"level": "medium"}).of(24), optimum.by(policy), seeds)
+    assert row["success_rate"]["value"] == np.mean(outcomes.success)
+    assert row["starts"] == 24
+    order = list(found["drivers"])
+    assert order.index("lqr, tuned") < order.index(LEARNED) < order.index(BEST)
+    assert {**found["drivers"], LEARNED: 0} == {**part["drivers"], LEARNED: 0}
+    assert (found["reference"], found["room"]) == (part["reference"], part["room"])
+
+
+def test_what_the_policy_saves_counts_as_found():
+    part = of_few_starts("BicycleStab-v0 medium")
+    part["drivers"][BEST]["success_rate"] = {"value": 0.1, "interval": [0.0, 0.2]}
+    found = headroom_policies.with_policy(part, 1)["drivers"]
+    assert found[BEST]["success_rate"]["value"] == found[LEARNED]["success_rate_of_searched"] > 0.1
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("room", "reference"), [(0.0, LEARNED), (0.9, BLIND)])
+def test_where_something_is_hidden_the_policy_may_be_the_reference(room, reference):
+    above = {"driver": BLIND, "success_rate": 0.9, "episode_return": 0.0, "starts": 24}
+    part = of_few_starts("BicycleActiveSteer-v0 medium", 64, reference=above, room={"value": room})
+    found = headroom_policies.with_policy(part, 1)
+    assert found["reference"]["driver"] == reference
+    rows = found["drivers"]
+    if reference == LEARNED:
+        assert found["reference"]["success_rate"] == rows[LEARNED]["success_rate"]["value"]
+        assert found["room"]["value"] == found["reference"]["success_rate"] - found["classical"]["success_rate"] > 0.0
 
 
 def test_lqr_as_shipped_saves_what_the_table_of_controllers_says():
