@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -114,11 +114,12 @@ def publish(
     runs.sort(key=lambda run: run.selected_by, reverse=True)
     best = runs[0]
     refuse_worse(place(ids[0], level, out), best)
+    made_by = provenance.collect()  # before a file is written: the revision is that of the code
     best.network.description |= {
         "env_keywords": {"level": level},
         "level": level,
         "command": command,
-        **provenance.collect(),
+        **made_by,
         "score": best.score,
         "training": {name: best.record[name] for name in OF_TRAINING if name in best.record},
         "runs": [
@@ -132,7 +133,7 @@ def publish(
         ],
     }
     best.network.save(place(ids[0], level, out))
-    write_leaderboard(out, command)
+    write_leaderboard(out, command, made_by)
     return runs
 
 
@@ -188,11 +189,17 @@ def measured_by(known: scores.Known | None, success: dict[str, Any]) -> dict[str
     return {"score": known.score(success["value"]), "best_found": known.reference_success}
 
 
-def write_leaderboard(out: Path = FOLDER, command: str = "") -> None:
+def write_leaderboard(out: Path = FOLDER, command: str = "", made_by: Mapping[str, Any] | None = None) -> None:
     """The policies in a folder beside what the headroom study says of classical controllers and the best found.
 
     The policies' own files have their scores by the same study.
+
+    Args:
+        out: folder of the policies.
+        command: that is written down.
+        made_by: of before anything was written; by default of now.
     """
+    made_by = made_by or provenance.collect()
     for env_id, those in published(out).items():
         for level in those:
             path = place(env_id, level, out) / DESCRIPTION_FILE
@@ -200,7 +207,7 @@ def write_leaderboard(out: Path = FOLDER, command: str = "") -> None:
             score = description["score"]
             score |= measured_by(scores.known_of(env_id, level), score["success_rate"])
             write_json(path, description)
-    content = {"command": command, **provenance.collect(), "levels": levels(out)}
+    content = {"command": command, **made_by, "levels": levels(out)}
     write_json(out / leaderboard.FILE.name, content)
 
 
