@@ -1,7 +1,7 @@
 """The whole table: every learner on every id and level of the plan, some seeds each, beside the classical controllers.
 
     python -m agents.benchmark                       # runs it, or goes on where it was stopped
-    python -m agents.benchmark --quick               # ten minutes: two seeds, a tenth of the steps
+    python -m agents.benchmark --quick               # ten to fifteen minutes: two seeds, a tenth of the steps
     python -m agents.benchmark --plan ablations      # what each option of agents.ppo is worth, on one id
     python -m agents.benchmark --plan remedies       # what was tried on the id where plain PPO fails
     python -m agents.benchmark --plan exploration    # actions and noise held or not, on the other ids
