@@ -486,8 +486,9 @@ def margins() -> str:
                 cells.append("any" if one["phase"] is None else f"{one['phase'] * DEGREES:.0f}")
             late = card["changes"]["action_delay"]
             driven = dict(zip(late["values"], late["policies"][driver], strict=True))
-            rates = [driven[steps]["success_rate"] for k in (0, 1) if (steps := rest["delay"] + k) in driven]
-            cells += [str(rest["delay"]), ", ".join(f"{100 * rate['value']:.1f}" for rate in rates)]
+            rows = [driven.get(rest["delay"] + k) for k in (0, 1)]  # of some steps nobody is driven
+            rates = ["-" if row is None else f"{100 * row['success_rate']['value']:.1f}" for row in rows]
+            cells += [str(rest["delay"]), ", ".join(rates)]
             lines.append(place + " | ".join(cells) + " |")
     return "\n".join(lines)
 
