@@ -47,9 +47,9 @@ def with_sb3(algo, steps, **model):
 
 
 SB3 = {
-    "ppo": with_sb3("ppo", 60_000, n_steps=32, batch_size=128),
-    "sac": with_sb3("sac", 10_000, learning_starts=500),
-    "td3": with_sb3("td3", 25_000, learning_starts=500),
+    "ppo": with_sb3("ppo", 30_000, n_steps=32, batch_size=128),
+    "sac": with_sb3("sac", 5_000, learning_starts=300, learning_rate=3e-3),
+    "td3": with_sb3("td3", 8_000, learning_starts=300, learning_rate=3e-3),
 }
 TRAINERS = {"agents.ppo": with_ppo, "agents.policy_search": with_policy_search, "agents.ppo_jax": with_ppo_jax, **SB3}
 
