@@ -570,11 +570,6 @@ def ablations() -> str:
     return ablations_table("ablations.json")
 
 
-def ablations_earlier() -> str:
-    """The same with longer trainings, and settings of before."""
-    return ablations_table("ablations_earlier.json")
-
-
 def remedies() -> str:
     """What was tried where plain PPO fails."""
     return ablations_table("remedies.json")
@@ -704,7 +699,6 @@ TABLES = {
         exploration,
         ablations,
         remedies,
-        ablations_earlier,
     )
 }
 
