@@ -29,7 +29,7 @@ help:
 	@echo "make entry-speed-learned five seeds learn to pass it, beside them in that file (10 to 40 minutes)"
 	@echo "make alignment           does the reward ask for what success judges: runs/alignment.json, .png (10 minutes)"
 	@echo "make learning            every learner on every id and level, ablations: runs/benchmark.json, .png, ablations.json, ... (hours; goes on where it stopped)"
-	@echo "make robustness          what the policies that ship bear, beside classical controllers: runs/robustness-*.json, .png (15 minutes)"
+	@echo "make robustness          what the policies that ship bear, beside classical controllers: runs/robustness-*.json, .png (half an hour)"
 	@echo "make scaling             trainings side by side, from one to the cores: runs/scaling.json (minutes; on a quiet machine)"
 	@echo "make benchmark           speed beside CartPole and highway-env: runs/single_env.json"
 	@echo "make benchmark-vector    many cars at once, beside C and other libraries: runs/vector_env.json (needs gcc)"
