@@ -106,7 +106,7 @@ entry-speed-learned: $(VENV)/.installed-demo
 		--env-keywords '{"course": "iso3888-1", "steer": "front", "max_episode_steps": 460}' --speeds 9 34 \
 		--hold 3 --history 2 --decisions 64 --success-bonus 100 || exit 1; done
 	for seed in 0 1 2 3 4; do run=runs/entry/iso3888-2-front/$$seed; [ -f $$run/policy.json ] || \
-		$(BIN)/python -m agents.ppo --env-id BicycleDoubleLaneChange-v0 --seed $$seed --out $$run --total-timesteps 1500000 \
+		$(BIN)/python -m agents.ppo --env-id BicycleDoubleLaneChange-v0 --seed $$seed --out $$run --total-timesteps 1000000 \
 		--env-keywords '{"course": "iso3888-2", "steer": "front", "speed": 17.0, "max_episode_steps": 400}' --speeds \
 		--imitate lqr --critic-alone 10 --learning-rate 5e-4 --deviation 0.06 --hold 1 --noise-hold 3 --history 4 \
 		--decisions 128 || exit 1; done
