@@ -336,7 +336,7 @@ def entry_speed() -> str:
         "stanley": "Stanley",
         "lqr": "LQR with preview, tuned at the default speed of the first course",
         "lqr-tuned": "LQR with preview, tuned for the highest entry speed",
-        "learned": "PPO (`agents.ppo`): one policy for all speeds, interquartile mean of seeds",
+        "learned": "PPO (`agents.ppo`): a policy for all speeds, or of 17 m/s (iso3888-2); interquartile mean of seeds",
     }
     columns = [(course, steer) for course, modes in result["courses"].items() for steer in modes]
     heads = [f"{course}, {'front wheels' if steer == 'front' else 'both axles'}" for course, steer in columns]
