@@ -34,7 +34,7 @@ def draw(parts: Mapping[str, Mapping[str, Any]], path: Path) -> None:
             axes.barh(place, rates[BLIND], height=0.62, color=colours[BLIND], alpha=0.55)
         axes.barh(place, rates[classical], height=0.34, color=colours["classical"])
         if LEARNED in rates:
-            axes.plot(rates[LEARNED], place, "D", color="black", markersize=4, markerfacecolor="white")
+            axes.plot(rates[LEARNED], place, "D", color="black", markersize=4, markerfacecolor="white", clip_on=False)
         axes.plot(rates[UNCONTROLLED], place, "|", color="black", markersize=11, markeredgewidth=2.0)
         room = 100.0 * part["room"]["value"]
         words = classical.removesuffix(", tuned")

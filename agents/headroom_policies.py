@@ -3,8 +3,9 @@
     python -m agents.headroom_policies results/headroom.json
 
 A policy that came after the study has its row then, and where something is hidden it may be what scores are measured
-against. All other rows stay; the best found counts what the policy saves as a share, not start by start. The picture is
-drawn anew.
+against. All other rows stay, and the best return; the best found counts what the policy saves as a share, not start by
+start. Where a policy is the reference already, its successor is, too: whether the search without knowing stands above that
+one, the whole study says. The picture is drawn anew.
 """
 
 from __future__ import annotations

@@ -563,7 +563,7 @@ def headlines() -> str:
             f"{learned - front['preview-tuned']['highest']:+.2f} m/s to the driver's, "
             f"{learned - front['lqr-tuned']['highest']:+.2f} m/s to LQR's",
             "`make entry-speed-learned`",
-            "20 to 60, both courses",
+            "not recorded",
         ]
         lines.append(f"| {' | '.join(row)} |")
     return "\n".join(lines)
