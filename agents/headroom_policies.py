@@ -4,8 +4,8 @@
 
 A policy that came after the study has its row then, and where something is hidden it may be what scores are measured
 against. All other rows stay, and the best return; the best found counts what the policy saves as a share, not start by
-start. Where a policy is the reference already, its successor is, too: whether the search without knowing stands above that
-one, the whole study says. The picture is drawn anew.
+start. Where a policy is the reference already, its successor is, too: whether the search without knowing stands above
+that one, the whole study says. The picture is drawn anew.
 """
 
 from __future__ import annotations
