@@ -1,7 +1,7 @@
 """The whole table: every learner on every id and level of the plan, some seeds each, beside the classical controllers.
 
     python -m agents.benchmark                       # runs it, or goes on where it was stopped
-    python -m agents.benchmark --quick               # ten to fifteen minutes: two seeds, a tenth of the steps
+    python -m agents.benchmark --quick               # ten minutes: two seeds, a twentieth of the steps
     python -m agents.benchmark --plan ablations      # what each option of agents.ppo is worth, on one id
     python -m agents.benchmark --plan remedies       # what was tried on the id where plain PPO fails
     python -m agents.benchmark --plan exploration    # actions and noise held or not, on the other ids
@@ -47,7 +47,7 @@ LEARNERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "sb3-sac": ("agents.train", ("--algo", "sac")),
 }
 """The module that trains, and options of its command line."""
-QUICK_SEEDS, QUICK_SHARE = 2, 0.1
+QUICK_SEEDS, QUICK_SHARE = 2, 0.05
 FIGURES = ("success_rate", "on_road_rate", "episode_return")
 SCORES = ("score", "regret")
 """By the headroom study of the day."""
@@ -69,7 +69,7 @@ class Args:
     """Every learner on every id and level; or PPO with one option after the other changed, on BicycleActiveSteer-v0 or
     on BicycleEvade-v0, or with other ways to try things out on the rest."""
     quick: bool = False
-    """Two seeds of each cell, a tenth of the steps: to see that all works, not how well."""
+    """Two seeds of each cell, a twentieth of the steps: to see that all works, not how well."""
     runs: Path | None = None
     """Folder of the trainings; by default runs/benchmark, with --quick runs/benchmark-quick."""
     out: Path | None = None
@@ -99,7 +99,7 @@ class Job(NamedTuple):
 
 
 def quick_steps(cell: Cell) -> int:
-    """A tenth of what the cell's settings say."""
+    """A twentieth of what the cell's settings say."""
     if cell.learner in settings.OWN:
         module = importlib.import_module(LEARNERS[cell.learner][0])
         words = ["--env-id", cell.env_id, "--env-keywords", json.dumps({"level": cell.level})]

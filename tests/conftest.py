@@ -8,6 +8,7 @@ import gc
 import os
 import signal
 import sys
+import tempfile
 import threading
 import types
 
@@ -17,7 +18,10 @@ for library in ("OPENBLAS", "OMP"):  # before numpy and torch are imported; smal
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 
-if "PYTEST_XDIST_WORKER" in os.environ:
+if "PYTEST_XDIST_WORKER" not in os.environ:  # what JAX has compiled serves all workers: a training is ten seconds of it
+    compiled = tempfile.TemporaryDirectory(prefix="jax-", ignore_cleanup_errors=True)
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", compiled.name)
+else:
     atexit.register(os._exit, 0)  # after all that others have registered: to take all its objects apart takes seconds
 
 

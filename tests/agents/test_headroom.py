@@ -35,7 +35,7 @@ def tell(*_):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("name", ["BicycleStab-v0 medium", "BicycleActiveSteer-v0 hard", "BicycleEvade-v0 medium"])
+@pytest.mark.parametrize("name", ["BicycleStab-v0 medium", "BicycleEvade-v0 medium"])
 def test_a_small_study(name, monkeypatch):
     monkeypatch.setattr(headroom_setting, "recoverable", lambda *_: Everywhere())
     setting = headroom.SETTINGS[name]
