@@ -1,6 +1,7 @@
 """Scripts that a user runs from a checkout: train, ppo, policy_search, evaluate, benchmark, tune, headroom, demo."""
 
 import os
+import sys
 from importlib.util import find_spec
 
 from agents.stopping import guard_imports
@@ -17,7 +18,9 @@ _NEEDED = (
 )
 _missing = [name for name in _NEEDED if find_spec(name) is None]
 if _missing:
-    raise SystemExit(
+    print(
         f"error: this Python lacks {', '.join(_missing)}. Use the one that `make demo` set up (.venv/bin/python, or "
-        'source .venv/bin/activate), or pip install -c constraints.txt -e ".[agents]"'
+        'source .venv/bin/activate), or pip install -c constraints.txt -e ".[agents]"',
+        file=sys.stderr,
     )
+    sys.exit(2)  # as for every mistake of a user

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
 
-from agents import benchmark_picture, messages, scores, settings
+from agents import benchmark_picture, messages, scores, settings, stopping
 from agents.benchmark_plans import PLANS, Cell
 from agents.episodes import start_seeds
 from agents.evaluate import console_for_tables
@@ -142,10 +142,16 @@ def train_all(jobs: list[Job], args: Args) -> None:
                     if process.poll() is not None:
                         del running[job]
                         bar.advance(task)
+                        if not bar.console.is_terminal:
+                            words = f"{job.cell.name}, seed {job.seed}"
+                            bar.console.print(f"{words}: {sum(one.done for one in jobs)} of {len(jobs)} trainings")
                         if process.returncode:
                             errors = (process.stderr.read() if process.stderr else "").strip().splitlines()
                             raise UserError(f"training in {job.folder} failed: {files.shown(' '.join(errors[-1:]))}")
                 time.sleep(0.2)
+        except stopping.Stopped as stopped:
+            words = "stopped; the same command goes on, with the trainings that were under way where they were"
+            raise stopping.Stopped(stopped.code - 128, words) from None
         finally:
             for process in running.values():
                 process.terminate()

@@ -92,7 +92,7 @@ def main() -> int:
     cars = make_env(SHOWN, {})
     drivers = {
         "nobody at the rear wheels": control.make("zero", cars.unwrapped),
-        "classical: gains switched by the driver's phase": control.make("rear-switched", cars.unwrapped),
+        "classical: switched gains": control.make("rear-switched", cars.unwrapped),
         "learned": load_policy(SHOWN),
     }
     moving_picture.show(SHOWN, {}, drivers, start_seeds(SHOWN_STARTS, args.evaluation_seed), place / "active_steer.gif")
@@ -117,7 +117,8 @@ def main() -> int:
     console.print(f"     {args.out / 'demo.json'}")
     console.print(
         f"\nThe learned policy saves {100 * shares['learned']:.1f} % of the cars, LQR {100 * shares['lqr']:.1f} %, "
-        f"nobody at the wheel {100 * shares['zero']:.1f} %."
+        f"nobody at the wheel {100 * shares['zero']:.1f} %; "
+        "the intervals above say how sure that is."
     )
     if missing:
         console.print(f"missing pictures: {', '.join(missing)}")

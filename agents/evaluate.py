@@ -46,9 +46,9 @@ class Args:
         "lqr",
         "zero",
     )
-    """Controllers by name, listed above; folders with policy.safetensors and policy.json, as train writes them; .json
-    files of a controller's parameters, as tune writes them; a class or function in a module of your own; with
-    --trust-pickle .zip files of Stable-Baselines3, and the .pkl of a VecNormalize beside them."""
+    """Controllers by name, listed above, with their usual parameters; folders with policy.safetensors and policy.json,
+    as train writes them; .json files of a controller's parameters, as tune writes them; a class or function in a module
+    of your own; with --trust-pickle .zip files of Stable-Baselines3, and the .pkl of a VecNormalize beside them."""
     episodes: int = 100
     """Episodes per policy."""
     seed: int = 1
@@ -63,6 +63,8 @@ class Args:
 
 
 DEGREES = 57.29577951308232
+CLASSICAL = "classical"
+"""As a policy's name: the level's best classical controller, with the parameters that agents.headroom found."""
 Column = tuple[str, str, float, str]
 COLUMNS: tuple[Column, ...] = (
     ("success_rate", "success\n[%]", 100.0, ".1f"),
@@ -152,12 +154,32 @@ def parse_keywords(text: str) -> dict[str, Any]:
     return keywords
 
 
+def named(names: Sequence[str], env: gym.Env, trust_pickle: bool = False) -> dict[str, control.Policy]:
+    """Policies by the names that tables give them: "classical" by which it is; UserError as of :func:`find_policy`."""
+    if not names or "" in names:
+        raise UserError("--policy must name at least one policy, and no name may be empty")
+    return {classical_of(env)[0] if name == CLASSICAL else name: find_policy(name, env, trust_pickle) for name in names}
+
+
+def classical_of(env: gym.Env) -> tuple[str, dict[str, Any]]:
+    """The best classical controller tuned for an environment's level: its name in tables, and its row there."""
+    plant: Any = env.unwrapped
+    part = None if plant.scored_level is None else scores.part_of(plant.spec.id, plant.scored_level)
+    if part is None:
+        raise UserError(f"--policy {CLASSICAL}: {scores.FILE} knows no controller tuned for this environment")
+    driver = part["classical"]["driver"]
+    return driver, part["drivers"][driver]
+
+
 def find_policy(name: str, env: gym.Env, trust_pickle: bool = False) -> control.Policy:
     """A policy as ``--policy`` names it; UserError for one that does not fit the environment.
 
-    A controller or "pretrained", a class or function of one's own, a trained policy's folder, a file of a controller's
-    parameters; with `trust_pickle` also an archive of Stable-Baselines3.
+    A controller, "classical" or "pretrained", a class or function of one's own, a trained policy's folder, a file of a
+    controller's parameters; with `trust_pickle` also an archive of Stable-Baselines3.
     """
+    if name == CLASSICAL:
+        _, row = classical_of(env)
+        return control.make(row["controller"], env, parameters=row["parameters"])
     if name.endswith(trained.ARCHIVE):
         if not trust_pickle:
             raise UserError(
@@ -174,12 +196,25 @@ def find_policy(name: str, env: gym.Env, trust_pickle: bool = False) -> control.
             raise UserError(shown(error)) from None
     if not trained.is_trained(name):
         try:
-            return control.make(name, env)
+            found = control.make(name, env)
         except ValueError as error:
             known = name in (*control.NAMES, control.PRETRAINED) or ":" in name
             missing = "" if known else f" There is no folder {name!r} of a trained policy either."
             raise UserError(f"{error}{missing}") from None
+        if ":" in name:
+            _check_action(name, found, env)
+        return found
     return trained.driving(name, trained.load(name), env)
+
+
+def _check_action(name: str, policy: control.Policy, env: gym.Env) -> None:
+    """UserError unless what a stranger wrote gives an action of the right shape; what it raises is its own."""
+    observation, _ = env.reset(seed=0)
+    policy.reset()
+    shape, wanted = np.shape(policy.act(observation)), env.action_space.shape
+    policy.reset()
+    if shape != wanted:
+        raise UserError(f"{shown(name)}: an action must have shape {wanted}, got {shape}")
 
 
 def list_of_controllers() -> str:
@@ -187,6 +222,7 @@ def list_of_controllers() -> str:
     rows = {
         **control.descriptions(),
         "DRIVER": f"{' or '.join(control.DRIVERS)}, for example preview+sano",
+        CLASSICAL: "The best of them for the id and level, tuned for it: what agents.headroom found.",
         control.PRETRAINED: "The trained policy that comes with the package for the id and level.",
     }
     width = max(map(len, rows))
@@ -235,8 +271,6 @@ def console_for_tables() -> Console:
 def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.evaluate", description=f"{__doc__}\n{list_of_controllers()}")
     messages.check_least(args, episodes=1, seed=0)
-    if not args.policy or "" in args.policy:
-        raise UserError("--policy must name at least one policy, and no name may be empty")
     messages.check_output("--json", args.json)
     made_by = environment(args.env_id)
     networks = {name: trained.load(name) for name in args.policy if trained.is_trained(name)}
@@ -246,7 +280,7 @@ def main() -> None:
         chosen = parse_keywords(args.env_keywords)
     keywords = {**chosen, "telemetry": True}
     env = make_env(args.env_id, keywords)
-    policies = {name: find_policy(name, env, args.trust_pickle) for name in args.policy}
+    policies = named(args.policy, env, args.trust_pickle)
     console = console_for_tables()
     for name in policies:
         if name.endswith(trained.ARCHIVE):
@@ -257,6 +291,11 @@ def main() -> None:
         before = network.description.get("env_keywords", {})
         if before != chosen:
             console.print(f"note: {name} was trained with the environment keywords {shown(json.dumps(before))}")
+    plant: Any = env.unwrapped
+    if control.PRETRAINED in policies and plant.scored_level is None:
+        console.print(
+            f"note: {control.PRETRAINED} was trained for the level {plant.level}, and this is another environment"
+        )
     rows, seconds = {}, {}
     with messages.progress() as bar:
         for name, policy in policies.items():
@@ -267,7 +306,6 @@ def main() -> None:
             )
             seconds[name] = round(time.perf_counter() - start, 2)
     title = f"{args.env_id}: {args.episodes} episodes, the same starts for all; mean [95 % interval]"
-    plant: Any = env.unwrapped
     print_table(console, title, rows, plant.task)
     found = scores.known(env)
     for line in [] if found is None else scores.sentences(found, rows):

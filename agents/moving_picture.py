@@ -20,8 +20,7 @@ import tyro
 
 from agents import messages
 from agents.episodes import start_seeds
-from agents.evaluate import find_policy, make_env, parse_keywords
-from agents.messages import UserError
+from agents.evaluate import make_env, named, parse_keywords
 from bicycle_env import optimum, play
 from bicycle_env.control import Policy
 from bicycle_env.optimum import Outcomes
@@ -71,7 +70,8 @@ def show(
     place = chosen(driven)
     count = len(starts)
     headings = [
-        f"{name} - saves {100.0 * one.success.mean():.0f} % of {count}"
+        f"{name} - saves {100.0 * one.success.mean():.0f} % of {count}, keeps {100.0 * one.on_road.mean():.1f} % on "
+        "the road"
         for name, one in zip(policies, driven, strict=True)
     ]
     envs = [gym.make(env_id, render_mode="rgb_array", **keywords) for _ in policies]
@@ -95,11 +95,9 @@ def main() -> None:
     args = tyro.cli(Args, prog="python -m agents.moving_picture", description=__doc__)
     messages.check_least(args, starts=1, seed=0)
     messages.check_output("--out", args.out)
-    if not args.policy:
-        raise UserError("--policy must name at least one policy")
     keywords = parse_keywords(args.env_keywords)
     env = make_env(args.env_id, keywords)
-    policies = {name: find_policy(name, env) for name in args.policy}
+    policies = named(args.policy, env)
     caption = show(args.env_id, keywords, policies, start_seeds(args.starts, args.seed), args.out)
     messages.console().print(f"{caption}\nwritten: {args.out}")
 

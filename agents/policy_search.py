@@ -51,7 +51,8 @@ class Args:
     """No progress, and no word about what compiles."""
 
     total_timesteps: int = 60_000_000
-    """Control steps of all cars together, as if every episode lasted to its time limit."""
+    """Control steps of all cars together, as if every episode lasted to its time limit; rounded up to whole
+    iterations."""
     pairs: int = 64
     """Networks drawn in an iteration, each with its mirror image about the mean."""
     starts: int = 16

@@ -62,7 +62,7 @@ class Args:
     """No progress, and no word about what compiles."""
 
     total_timesteps: int = 3_000_000
-    """Control steps of all cars together, resets counted."""
+    """Control steps of all cars together, resets counted; rounded up to whole updates."""
     cars: int = 512
     """Driven at once."""
     decisions: int = 32

@@ -61,7 +61,7 @@ class Args:
     """No progress, and no word about what compiles."""
 
     total_timesteps: int = 3_000_000
-    """Control steps of all cars together."""
+    """Control steps of all cars together; rounded up to whole updates."""
     cars: int = 512
     """Driven at once, of each seed."""
     decisions: int = 32

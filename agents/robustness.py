@@ -24,12 +24,12 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from agents import messages, scores
+from agents import messages
 from agents.episodes import start_seeds
-from agents.evaluate import find_policy, make_env, parse_keywords
+from agents.evaluate import make_env, named, parse_keywords
 from agents.messages import UserError
 from agents.statistics import mean, share
-from bicycle_env import Sensors, control, distributions, files, optimum, provenance
+from bicycle_env import Sensors, distributions, files, optimum, provenance
 from bicycle_env.analysis.linear_model import STATE_NAMES
 from bicycle_env.control import Policy
 from bicycle_env.control.design.margins import Loop, margins
@@ -55,8 +55,6 @@ MOST_DELAY = 50
 """Control steps of delay that are tried, for the largest that leaves straight running stable."""
 ODD = 1e-3
 """Difference from an odd policy, of full steer, that is named."""
-CLASSICAL = "classical"
-"""As a policy's name: the level's best classical controller, with the parameters that agents.headroom found."""
 
 
 @dataclass
@@ -79,24 +77,6 @@ class Args:
     json: Path | None = None
     """Where the figures go, the picture beside them; by default runs/robustness-ENV_ID-LEVEL.json, of an
     environment of no level runs/robustness-ENV_ID.json."""
-
-
-def named(names: Sequence[str], env: Any) -> dict[str, Policy]:
-    """The policies, by the names that tables give them; UserError for one that is not to be had."""
-    plant, found = env.unwrapped, dict[str, Policy]()
-    for name in names:
-        if name != CLASSICAL:
-            found[name] = find_policy(name, env)
-            continue
-        part = None if plant.scored_level is None else scores.part_of(plant.spec.id, plant.scored_level)
-        if part is None:
-            raise UserError(f"--policy {CLASSICAL}: {scores.FILE} knows no controller tuned for this environment")
-        driver = part["classical"]["driver"]
-        row = part["drivers"][driver]
-        found[driver] = control.make(row["controller"], plant, parameters=row["parameters"])
-    if not found:
-        raise UserError("--policy must name at least one policy")
-    return found
 
 
 def stated(plant: Any, keywords: Mapping[str, Any]) -> dict[str, Any]:

@@ -179,9 +179,11 @@ def has_run(path: Path) -> bool:
 
 
 def refuse_run(path: Path) -> None:
-    """UserError if a folder holds more than the beginning of a run."""
+    """UserError if a folder holds more than the beginning of a run, or files of somebody else's and none of a run."""
     if has_run(path):
         raise UserError(f"{path} holds a run already; choose another --out, or go on with --resume")
+    if not begun(path) and path.is_dir() and any(path.iterdir()):
+        raise UserError(f"{path} holds other files; choose a new or an empty folder as --out")
 
 
 LATER: dict[str, Any] = {"residual": "", "speeds": [], "plan": 0, "noise_hold": 1}
@@ -210,6 +212,8 @@ def earlier_record(
             if before.get(name) != value:
                 place, *values = _difference(name, before.get(name), value)
                 had, given = (shown(repr(each)) for each in values)
+                if place.startswith("settings."):  # the options of the command
+                    place = f"--{place.removeprefix('settings.').replace('_', '-')}"
                 raise UserError(f"--resume: the run in {folder.path} has {shown(place)} = {had}, not {given}")
         check(before)
     except (ValueError, TypeError, OSError) as error:

@@ -124,21 +124,20 @@ def scored(found: Known, rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dic
 
 def sentences(found: Known, rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """For people, to stand below a table of these rows."""
-    places = (
-        f"{found.classical} saves {100 * found.classical_success:.1f} %, "
-        f"{found.reference} {100 * found.reference_success:.1f} %"
-    )
+    classical = f"{found.classical}, saves {100 * found.classical_success:.1f} % of 2000 starts"
+    above = f"{found.reference}, {100 * found.room:.1f} points more on those that were searched"
     figures = scored(found, rows)
     if found.has_score:
         told = ", ".join(f"{name} {row['score']:.2f}{_between(found, rows[name])}" for name, row in figures.items())
-        lines = [f"score: {told} (0 and 1: {places})"]
+        lines = [f"score: {told} (0: {classical}; 1: {above})"]
     else:
         why = (
             "nothing even three points better was found without knowing what is hidden"
             if "without" in found.reference
-            else "the optimum is reached, as far as a search knows it: none found even three points more"
+            else "as far as a search knows it, the optimum is reached: none found three points more than classical "
+            "control"
         )
-        lines = [f"no score: {why} ({places})"]
+        lines = [f"no score: {why} ({classical}; {above})"]
     told = ", ".join(f"{name} {row['regret']:.2f}" for name, row in figures.items())
     return [*lines, f"regret in return: {told} (best known {found.best_return:.2f}; results/headroom.json)"]
 

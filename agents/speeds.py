@@ -23,6 +23,8 @@ def check(args: Any, keywords: Mapping[str, Any]) -> None:
         return
     if len(args.speeds) != 2:
         raise UserError(f"--speeds must be two, from and to, got {len(args.speeds)}")
+    if not 0.0 < args.speeds[0] < args.speeds[1]:
+        raise UserError(f"--speeds must rise from above 0, got {args.speeds[0]:g} and {args.speeds[1]:g}")
     if {"speed", "speed_ratio"} & set(keywords):
         raise UserError(f"--speeds: --env-keywords must not name a speed, too; {ONE}")
     for name in ("imitate", "residual"):

@@ -53,7 +53,8 @@ class Args:
     seed: int = 0
     """Seed of networks, exploration and starts."""
     total_timesteps: int | None = None
-    """Environment steps; by default as the settings file says. A decaying learning rate reaches 0 there."""
+    """Environment steps, rounded up to whole rollouts; by default as the settings file says. A decaying learning rate
+    reaches 0 there."""
     out: Path | None = None
     """Folder of the run; by default runs/ENV_ID-ALGO-SEED."""
     resume: bool = False
@@ -274,6 +275,11 @@ def train(args: Args, console: Console, watch: training.Watch | None = None) -> 
             if before["finished"] and model.num_timesteps >= total:
                 raise UserError(
                     f"--resume: the run has {model.num_timesteps} steps already; give a larger --total-timesteps"
+                )
+            if total < min(model.num_timesteps, before.get("total_timesteps", total)):  # a last rollout may go beyond
+                raise UserError(
+                    f"--total-timesteps must be at least {model.num_timesteps}, the steps of the run so far, "
+                    f"got {total}"
                 )
             entry = {"at": model.num_timesteps, "exact": not reason, **({"reason": reason} if reason else {})}
             description["resumed"] = [*before.get("resumed", []), entry]

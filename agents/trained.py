@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import gymnasium as gym
 
 from agents.messages import UserError
+from agents.run_folder import Folder
 from bicycle_env import control
 from bicycle_env.envs.single.single_track_env import SingleTrackEnv, keyword_names
 from bicycle_env.files import shown
@@ -22,6 +24,8 @@ OF_TRAINING = ("dtype", "threads", "staggered_start", "on_invalid", "telemetry")
 LIMIT = "max_episode_steps"  # gym.make's own
 ARCHIVE = ".zip"
 """Of Stable-Baselines3."""
+TRAINERS = {"native-ppo": "ppo", "policy-search": "policy_search", "jax-ppo": "ppo_jax", "rllib-ppo": "train_rllib"}
+"""Module of this package by the algorithm in a run's record; those of Stable-Baselines3 are agents.train's."""
 
 
 def is_trained(name: str) -> bool:
@@ -36,9 +40,20 @@ def load(name: str) -> control.Network:
         return control.read(name)
     except (ValueError, OSError) as error:
         begun = (Path(name) / "checkpoint").is_dir() and not (Path(name) / "policy.json").is_file()
-        command = "python -m agents.train ... --resume, or agents.ppo, agents.policy_search: whichever began it"
-        hint = f"; its training was stopped: go on with {command}" if begun else ""
-        raise UserError(f"{shown(error)}{hint}") from None
+        raise UserError(f"{shown(error)}{_how_to_go_on(Path(name)) if begun else ''}") from None
+
+
+def _how_to_go_on(folder: Path) -> str:
+    """What is said of a run that was stopped: its best policy is in the checkpoint until it ends."""
+    record = None
+    with contextlib.suppress(ValueError, OSError):
+        record = Folder(folder).record()
+    algo = "" if record is None else record["algo"]
+    module = TRAINERS.get(algo, f"train --algo {algo}" if algo else "train")
+    return (
+        f"; its training was stopped, and the best policy so far is written when it ends: python -m agents.{module} "
+        "with the options it began with, and --resume"
+    )
 
 
 def driving(name: str, network: control.Network, env: gym.Env) -> control.Network | control.Residual:

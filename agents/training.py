@@ -33,6 +33,8 @@ SELECTION_SEED = 0
 ASSESSMENTS = 20
 """Points of the learning curve."""
 CHECKPOINTS = 10
+LINES = 10
+"""That tell how far a run is, where no bar can be drawn."""
 LARGEST_STATE = 200_000_000  # bytes
 
 Watch = Callable[[int, float, float], None]
@@ -242,11 +244,18 @@ class Run:
         """Show there how far the run is."""
         job = bar.add_task("", total=self._plan.total_timesteps)
 
+        told = self.timesteps
+
         def tell() -> None:
+            nonlocal told
             words = f"{self._plan.env_id}, seed {self._plan.seed}"
             if self._selection.policy is not None:
                 words += f": best saves {100.0 * self.best[0]:.1f} %"
             bar.update(job, completed=self.timesteps, description=words)
+            total = self._plan.total_timesteps
+            if not bar.console.is_terminal and _passed(told, self.timesteps, total, LINES):  # a log file shows no bar
+                told = self.timesteps
+                bar.console.print(f"{words}, {told:,} of {total:,} steps in {self.seconds:.0f} s")
 
         self._tell = tell
         tell()

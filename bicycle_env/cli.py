@@ -131,8 +131,8 @@ def parser() -> Parser:
         "leaderboard",
         help="trained policies and classical controllers, by id and level",
         description="How well the trained policies that come with the package drive, and the classical controllers, by "
-        "id and level; 95 %% intervals. A score is 0 for the best classical controller and 1 for the best found; there "
-        "is none where these are the same. docs/leaderboard.md says more.",
+        "id and level; 95 % intervals. A score is 0 for the best classical controller and 1 for the best found; there "
+        "is none where they are three points or less apart. docs/leaderboard.md says more.",
         allow_abbrev=False,
     )
     board.add_argument("--env-id", metavar="ID", help="only of this id, such as BicycleStab-v0")

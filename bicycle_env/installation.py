@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 def install_line(extra: str) -> str:
     """The command for an extra: in a checkout, from its folder; otherwise for the distribution that is installed."""
     checkout = (ROOT / "pyproject.toml").is_file()
-    return f'pip install -e ".[{extra}]"' if checkout else f'pip install "bicycle-env[{extra}]"'
+    return f'pip install -c constraints.txt -e ".[{extra}]"' if checkout else f'pip install "bicycle-env[{extra}]"'
 
 
 def needs(what: str, package: str, extra: str) -> str:

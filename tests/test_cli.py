@@ -159,7 +159,9 @@ def test_a_likely_wrong_unit_is_one_line(tmp_path, capsys, monkeypatch):
 
 def test_without_matplotlib_the_page_names_what_to_install_at_once(tmp_path, capsys, no_matplotlib):
     assert main(["report", "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == ('bicycle-env: error: a figure needs matplotlib: pip install -e ".[analysis]"\n')
+    assert capsys.readouterr().err == (
+        'bicycle-env: error: a figure needs matplotlib: pip install -c constraints.txt -e ".[analysis]"\n'
+    )
     assert not (tmp_path / "out").exists()
 
 

@@ -10,7 +10,7 @@ from bicycle_env.control.design import symbolic
 
 
 def test_in_a_checkout_and_for_an_installed_distribution(tmp_path, monkeypatch):
-    assert installation.install_line("mpc") == 'pip install -e ".[mpc]"'
+    assert installation.install_line("mpc") == 'pip install -c constraints.txt -e ".[mpc]"'
     monkeypatch.setattr(installation, "ROOT", tmp_path)
     assert installation.needs("This", "CasADi", "mpc") == 'This needs CasADi: pip install "bicycle-env[mpc]"'
 
@@ -25,4 +25,4 @@ def test_a_missing_package_is_answered_with_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "casadi", None)
     with pytest.raises(ModuleNotFoundError) as caught:
         symbolic.casadi()
-    assert str(caught.value) == 'model-predictive control needs CasADi: pip install -e ".[mpc]"'
+    assert str(caught.value) == 'model-predictive control needs CasADi: pip install -c constraints.txt -e ".[mpc]"'

@@ -135,7 +135,7 @@ class Network(Policy):
             width = weight.shape[0]
         self._mirror = None if mirror is None else np.tile(np.array(mirror, np.float32), self._history)
         self._layers = [(np.ascontiguousarray(weight.T), bias) for weight, bias in layers]
-        self._axles = width
+        self._axles, self._entries = width, len(names)
         # Of each car how often it was asked, its last action, and the observations of its last decisions.
         self._remembered = Remembered(1 + width + len(names) * self._history)
         self._activation, self._output = ACTIVATIONS[activation], OUTPUTS[output]
@@ -153,6 +153,10 @@ class Network(Policy):
 
     def act(self, observation: Array) -> NDArray[np.float32]:
         cars = np.atleast_2d(np.asarray(observation, np.float32))
+        if cars.ndim != 2 or cars.shape[1] != self._entries:
+            raise ValueError(
+                f"observation must have {self._entries} entries, or rows of them, got shape {np.shape(observation)}"
+            )
         actions: NDArray[np.float32] = self._decided(cars) if self._hold == self._history == 1 else self._held(cars)
         return np.asarray(actions.reshape(*np.shape(observation)[:-1], self._axles), np.float32)
 

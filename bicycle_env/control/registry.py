@@ -162,15 +162,20 @@ def load(folder: str | Path, env: Any = None) -> Network | Residual:
 
     Args:
         folder: with ``policy.json`` and ``policy.safetensors``.
-        env: the environment that it will drive; needed only where the network was trained on top of a controller, which
-            is designed for it.
+        env: the environment that it will drive: it must fit; needed only where the network was trained on top of a
+            controller, which is designed for it.
 
     Raises:
         FileNotFoundError: a file is missing.
         FileError: a ValueError of one line, which names the file: no folder (an archive of Stable-Baselines3, say), too
-            large, damaged, of another format or version, its parts do not fit together, or it needs `env`.
+            large, damaged, of another format or version, its parts do not fit together, it needs `env`, or `env`
+            shows or steers something else than it was trained with.
     """
-    return on_base(read(folder), env, folder)
+    network = read(folder)
+    if env is not None:
+        with naming(folder):
+            network.check_fit(getattr(env, "unwrapped", env))
+    return on_base(network, env, folder)
 
 
 def on_base(network: Network, env: Any, folder: str | Path) -> Network | Residual:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from benchmark_cells import cell as made_up
 
-from agents import benchmark, scores
+from agents import benchmark, scores, stopping
 from agents.messages import UserError
 
 ONE = made_up("BicycleEvade-v0", "hard", "native-ppo", [0.5])
@@ -45,6 +45,27 @@ def test_a_training_that_was_begun_goes_on(tmp_path):
     assert not job.done
     quick = job.command(quick=True)
     assert int(quick[quick.index("--total-timesteps") + 1]) < 1_000_000
+
+
+def test_who_stops_it_is_told_how_it_goes_on(tmp_path, monkeypatch):
+    class Training:
+        def __init__(self, *_, **__):
+            self.stopped = False
+
+        def poll(self):
+            raise stopping.Stopped(2)
+
+        def terminate(self):
+            self.stopped = True
+            ended.append(self)
+
+    ended = []
+    monkeypatch.setattr(benchmark.subprocess, "Popen", Training)
+    jobs = [benchmark.Job(benchmark.PLANS["table"][0], seed, tmp_path / str(seed)) for seed in range(3)]
+    with pytest.raises(stopping.Stopped, match="the same command goes on") as caught:
+        benchmark.train_all(jobs, benchmark.Args(jobs=2))
+    assert caught.value.code == 130
+    assert len(ended) == 2
 
 
 def test_the_interval_of_a_difference_counts_seeds_and_starts():

@@ -19,9 +19,9 @@ from combinations import only_all, some_of
 from rich.console import Console
 
 import bicycle_env  # noqa: F401
-from agents import episodes, stopping
+from agents import episodes, scores, stopping
 from agents.episodes import PURPOSES, drive, evaluate, start_seeds, summarise
-from agents.evaluate import COLUMNS, columns_of, main, print_table
+from agents.evaluate import COLUMNS, columns_of, main, named, print_table
 from agents.messages import UserError
 from bicycle_env import control
 
@@ -232,6 +232,13 @@ def test_a_policy_for_another_environment_is_refused(tmp_path):
         find_policy(str(tmp_path), gym.make("BicycleStab-v0"))
 
 
+def test_an_action_of_ones_own_of_another_shape_is_one_line(tmp_path, monkeypatch):
+    (tmp_path / "scalar_law.py").write_text("def steer(observation):\n    return 0.1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(UserError, match=r"scalar_law:steer: an action must have shape \(2,\), got \(\)"):
+        named(("scalar_law:steer",), gym.make("BicycleStab-v0"))
+
+
 @pytest.mark.parametrize(("width", "terminal", "whole"), [(100, True, False), (300, True, True), (100, False, True)])
 def test_a_table_too_wide_for_a_terminal_shows_what_every_task_has(width, terminal, whole):
     task = gym.make("BicycleActiveSteer-v0").unwrapped.task
@@ -244,3 +251,17 @@ def test_a_table_too_wide_for_a_terminal_shows_what_every_task_has(width, termin
     assert "…" not in text
     assert ("also: peak sideslip" in text) == (not whole)
     assert (text.count("0.50") > 5) == whole
+
+
+def test_classical_is_the_controller_tuned_for_the_level():
+    env = gym.make("BicycleEvade-v0", level="hard")
+    found = named(("classical", "evade-path"), env)
+    assert list(found) == ["evade-path, tuned", "evade-path"]
+    expected = scores.tuned("BicycleEvade-v0", "hard", "evade-path")
+    tuned, shipped = (set(found[name].values) for name in found)
+    assert tuned <= set(expected.values())
+    assert not shipped <= set(expected.values())
+    with pytest.raises(UserError, match=r"--policy classical: .*headroom.json knows no controller"):
+        named(("classical",), gym.make("BicycleStab-v0", speed_ratio=1.37))
+    with pytest.raises(UserError, match="at least one policy"):
+        named((), env)

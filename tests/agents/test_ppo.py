@@ -345,6 +345,7 @@ def test_cars_learn_and_are_assessed_at_speeds_of_their_own(tmp_path, monkeypatc
     ("changes", "text"),
     [
         ({"speeds": (20.0,)}, "--speeds must be two, from and to, got 1"),
+        ({"speeds": (35.0, 20.0)}, "--speeds must rise from above 0, got 35 and 20"),
         ({"env_keywords": '{"speed_ratio": 1.2}'}, "must not name a speed, too"),
         ({"imitate": "lqr"}, "designed for one speed"),
         ({"residual": "lqr"}, "designed for one speed"),

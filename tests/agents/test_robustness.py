@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import robustness, scores
+from agents import robustness
 from agents.messages import UserError
 from bicycle_env import control, distributions
 from bicycle_env.control.design.margins import margins, state_feedback_loop
@@ -99,20 +99,6 @@ def test_who_remembers_has_no_jacobian():
     layers = [(np.zeros((2, 2 * len(names)), np.float32), np.zeros(2, np.float32))]
     network = control.Network(layers, "tanh", "clip", {"observation_names": names, "history": 2})
     assert robustness.at_rest(ENV, network) is None
-
-
-def test_classical_is_the_controller_tuned_for_the_level():
-    env = gym.make("BicycleEvade-v0", level="hard")
-    found = robustness.named(("classical", "evade-path"), env)
-    assert list(found) == ["evade-path, tuned", "evade-path"]
-    expected = scores.tuned("BicycleEvade-v0", "hard", "evade-path")
-    tuned, shipped = (set(found[name].values) for name in found)
-    assert tuned <= set(expected.values())
-    assert not shipped <= set(expected.values())
-    with pytest.raises(UserError, match=r"--policy classical: .*headroom.json knows no controller"):
-        robustness.named(("classical",), gym.make("BicycleStab-v0", speed_ratio=1.37))
-    with pytest.raises(UserError, match="at least one policy"):
-        robustness.named((), env)
 
 
 def test_a_card_is_written_under_the_level_s_name(monkeypatch, tmp_path):

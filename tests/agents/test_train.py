@@ -149,6 +149,17 @@ def test_resume_refuses_another_seed(tmp_path):
         train.train(quick("ppo", folder, seed=4, resume=True), Console(quiet=True))
 
 
+def test_a_run_does_not_end_before_where_it_is(tmp_path):
+    folder = tmp_path / "run"
+    train.train(quick("ppo", folder), Console(quiet=True))
+    record = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps({**record, "finished": False}))  # as if killed at its end
+    before = (folder / "run.json").read_bytes()
+    with pytest.raises(UserError, match=r"--total-timesteps must be at least \d+, the steps of the run so far, got 8"):
+        train.train(quick("ppo", folder, total_timesteps=8, resume=True), Console(quiet=True))
+    assert (folder / "run.json").read_bytes() == before
+
+
 def test_the_same_seed_gives_the_same_policy(tmp_path):
     for name in ("a", "b"):
         train.train(quick("ppo", tmp_path / name), Console(quiet=True))

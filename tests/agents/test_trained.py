@@ -302,9 +302,15 @@ def test_keywords_of_many_cars_say_nothing_about_the_one_that_is_evaluated(tmp_p
     assert trained.keywords_of("x", network, BicycleStabEnv) == {"friction": 0.5}
 
 
-def test_a_training_that_was_stopped_can_go_on(tmp_path):
+@pytest.mark.parametrize(
+    ("algo", "module"), [(None, "train"), ("native-ppo", "ppo"), ("sac", "train --algo sac"), ("jax-ppo", "ppo_jax")]
+)
+def test_a_training_that_was_stopped_can_go_on(tmp_path, algo, module):
     (tmp_path / "run" / "checkpoint").mkdir(parents=True)
-    with pytest.raises(UserError, match=r"go on with python -m agents\.train \.\.\. --resume"):
+    record = {"env_id": "BicycleStab-v0", "env_keywords": {}, "seed": 0, "settings": {}, "finished": False}
+    if algo is not None:
+        (tmp_path / "run" / "run.json").write_text(json.dumps({**record, "algo": algo}))
+    with pytest.raises(UserError, match=f"was stopped, .*: python -m agents.{module} with the options .* --resume"):
         trained.load(str(tmp_path / "run"))
 
 

@@ -209,6 +209,21 @@ def test_a_training_that_diverges_at_once_has_no_checkpoint(tmp_path):
 # What lies in a folder
 
 
+def test_a_folder_of_other_files_is_no_place_for_a_run(tmp_path):
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(UserError, match="holds other files; choose a new or an empty folder"):
+        start(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_log_file_tells_how_far_a_run_is(tmp_path, capsys):
+    start(tmp_path / "run", quiet=False)
+    lines = [line for line in capsys.readouterr().err.splitlines() if " steps in " in line]
+    assert 9 <= len(lines) <= 11
+    assert f"{TINY.total_timesteps:,} of {TINY.total_timesteps:,} steps" in lines[-1]
+    assert "best saves" in lines[-1]
+
+
 def test_an_existing_run_is_not_overwritten_and_a_finished_one_does_not_go_on(straight, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(straight, folder, ignore=shutil.ignore_patterns(".lock"))
@@ -289,9 +304,9 @@ def test_the_folder_is_sound_without_damage(stopped, straight, tmp_path):
     ("changes", "text"),
     [
         ({"seed": 4}, "has seed = 3, not 4"),
-        ({"learning_rate": 0.002}, r"has settings\.learning_rate = 0\.001, not 0\.002"),
-        ({"gamma": (0.98, 0.99)}, r"has settings\.gamma = \[0\.98, 0\.995\], not \[0\.98, 0\.99\]"),
-        ({"total_timesteps": 10**4}, r"has settings\.total_timesteps = 3072, not 10000"),
+        ({"learning_rate": 0.002}, r"has --learning-rate = 0\.001, not 0\.002"),
+        ({"gamma": (0.98, 0.99)}, r"has --gamma = \[0\.98, 0\.995\], not \[0\.98, 0\.99\]"),
+        ({"total_timesteps": 10**4}, r"has --total-timesteps = 3072, not 10000"),
         ({"env_keywords": '{"friction": 0.9}'}, r"has env_keywords\.friction = None, not 0\.9"),
     ],
 )

@@ -332,7 +332,7 @@ def test_the_other_solver_finds_the_same(monkeypatch):
 
 def test_without_casadi_there_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "casadi", None)
-    with pytest.raises(ModuleNotFoundError, match=r'pip install -e "\.\[mpc\]"'):
+    with pytest.raises(ModuleNotFoundError, match=r'pip install -c constraints\.txt -e "\.\[mpc\]"'):
         MPC(plant())
 
 

@@ -7,10 +7,12 @@ import os
 import pickle
 import struct
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
-from bicycle_env.control import Network, load
+import bicycle_env  # noqa: F401
+from bicycle_env.control import Network, load, load_policy
 from bicycle_env.control.network import ACTIVATIONS, DESCRIPTION_FILE, OUTPUTS, WEIGHTS_FILE
 from bicycle_env.files import FileError, pack_arrays, read_arrays, unpack_arrays
 
@@ -138,7 +140,19 @@ def test_no_cars_at_all_have_no_actions(acts):
     assert network(**acts).act(np.zeros((0, 5), np.float32)).shape == (0, 2)
 
 
+def test_an_observation_of_another_size_is_named():
+    with pytest.raises(ValueError, match=r"observation must have 5 entries, or rows of them, got shape \(4, 6\)"):
+        network().act(np.zeros((4, 6)))
+
+
 # There and back
+
+
+def test_a_policy_is_not_loaded_for_another_environment(tmp_path):
+    load_policy("BicycleStab-v0").save(tmp_path)
+    load(tmp_path, gym.make("BicycleStab-v0"))
+    with pytest.raises(FileError, match="trained for BicycleStab-v0 with 8 observations"):
+        load(tmp_path, gym.make("BicycleEvade-v0"))
 
 
 @pytest.mark.parametrize("output", OUTPUTS)

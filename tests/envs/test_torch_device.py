@@ -264,4 +264,8 @@ def test_the_ids_module_and_torch_are_imported_when_they_are_used_and_torch_is_m
         "print(TorchVectorEnv('bicycle_env:BicycleStab-v0', 2).spec.id)\n"
     )
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == ["False", 'TorchVectorEnv needs torch: pip install -e ".[agents]"', STAB]
+    assert done.stdout.splitlines() == [
+        "False",
+        'TorchVectorEnv needs torch: pip install -c constraints.txt -e ".[agents]"',
+        STAB,
+    ]

@@ -232,7 +232,10 @@ def test_a_mistake_is_one_line(capsys, words, complaint):
 def test_what_is_missing_is_named_with_its_install_line(capsys, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "PIL", None)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    for ending, line in (("gif", 'a GIF needs Pillow: pip install -e ".[render]"'), ("mp4", '.[video]"')):
+    for ending, line in (
+        ("gif", 'a GIF needs Pillow: pip install -c constraints.txt -e ".[render]"'),
+        ("mp4", '.[video]"'),
+    ):
         assert main(["play", *WORDS, "--out", str(tmp_path / f"run.{ending}")]) == 2
         assert line in capsys.readouterr().err
 

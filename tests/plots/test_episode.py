@@ -182,7 +182,9 @@ def test_a_picture_is_written_whole(tmp_path):
 
 def test_without_matplotlib_one_line_says_what_to_install(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(ModuleNotFoundError, match=r'a figure needs matplotlib: pip install -e "\.\[analysis\]"'):
+    with pytest.raises(
+        ModuleNotFoundError, match=r'a figure needs matplotlib: pip install -c constraints\.txt -e "\.\[analysis\]"'
+    ):
         plots.episode(run)
 
 

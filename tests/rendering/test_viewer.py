@@ -390,7 +390,7 @@ def test_without_pygame_the_error_names_what_to_install(make, monkeypatch):
     for name in [name for name in sys.modules if name.startswith("bicycle_env.rendering.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "pygame", None)
-    with pytest.raises(gym.error.DependencyNotInstalled, match=r'pip install -e "\.\[render\]"'):
+    with pytest.raises(gym.error.DependencyNotInstalled, match=r'pip install -c constraints\.txt -e "\.\[render\]"'):
         env.render()
 
 

@@ -283,7 +283,9 @@ def test_without_stable_baselines3_one_line_says_what_to_install():
         "    print(error)\n"
     )
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False)
-    assert done.stdout == 'SB3VecEnv needs Stable-Baselines3: pip install -e ".[agents]"\n', done.stderr
+    assert done.stdout == 'SB3VecEnv needs Stable-Baselines3: pip install -c constraints.txt -e ".[agents]"\n', (
+        done.stderr
+    )
 
 
 # Training
