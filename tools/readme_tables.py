@@ -410,9 +410,11 @@ def benchmark() -> str:
 def trainings() -> str:
     """What the seeds of each learner came to, and what they took."""
     result = read("benchmark.json")
+    hours = sum(one["seconds"] for cell in result["cells"].values() for one in cell["trainings"]) / 2.0 / 3600.0
     more = (
-        "seconds of one training on one core of a machine that did other work, too, the median and the range. To the "
-        "best found: until within two points of it on the learning curve, the median of the seeds that came there. "
+        f"all trainings, two at a time, are {hours:.1f} hours. Seconds of one training on one core of a machine that "
+        "did other work, too, the median and the range. To the best found: until within two points of it on the "
+        "learning curve, the median of the seeds that came there. "
         "`results/benchmark.json`."
     )
     return "\n".join([benchmark_tables.trainings(result["cells"].values()), "", f"`{result['command']}`; {more}"])
