@@ -560,7 +560,7 @@ def headlines() -> str:
             continue
         learned, speeds = front["learned"]["highest"], [one["highest"] for one in front["learned"]["seeds"]]
         from_slow = all(one["unbroken"] > 0.0 for one in front["learned"]["seeds"])
-        limits = "" if from_slow else " at its highest speed, but not from slow on: a policy for speeds near 17 m/s"
+        limits = "" if from_slow else " at its highest speed, but not from slow on: a policy for speeds near that"
         row = [
             f"{course.upper().replace('ISO', 'ISO ')}, front wheels: at least as fast as the tuned driver{limits}",
             f"{learned:.2f} m/s, {min(speeds):.2f} to {max(speeds):.2f}, {len(speeds)} seeds",
