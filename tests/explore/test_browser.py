@@ -305,6 +305,19 @@ def test_policies_that_are_dragged_in(visit, tmp_path):
     assert "steers both axles" in page.inner_text("#ending_right")
 
 
+def test_nothing_is_settled_while_laws_are_on_their_way(visit):
+    page, held = visit("vehicle=civic&speed=40&left=nobody&right=nobody"), []
+    before = settled_hash(page)
+    page.route("**/*.mjs", lambda route: held.append(route))
+    with page.expect_request("**/*.mjs"):
+        slide(page, "relaxation_length", 0.6)
+    assert page.locator("html[data-settled]").count() == 0
+    assert page.evaluate("location.hash").removeprefix("#") == before
+    page.unroute("**/*.mjs")  # lets go what is held
+    assert held
+    assert "relaxation_length=0.6" in settled_hash(page)
+
+
 def test_the_address_bar_holds_what_is_chosen(visit):
     page = visit("vehicle=civic&speed=40&left=nobody&right=nobody&sideslip=2")
     assert page.inner_text("#here") == "40.0 m/s = 144 km/h."

@@ -141,9 +141,13 @@ const isSeen = (name) => {
 function draw(names) {
   names.forEach((name) => stale.add(name));
   paint(names.filter(isSeen));
+  unsettle();
+  later = setTimeout(settle, QUIET);
+}
+
+function unsettle() {
   clearTimeout(later);
   delete document.documentElement.dataset.settled;
-  later = setTimeout(settle, QUIET);
 }
 
 function settle() {
@@ -171,6 +175,7 @@ function update(wanted = {}) {
     refresh();
     return;
   }
+  unsettle(); // what is chosen is not shown before its laws are there
   load(name).then(() => moduleOf(chosen) === name && refresh(), () => {
     complaints = ["The laws of this tire cannot be loaded: start “bicycle-env explore” again, and load this page anew."];
     chosen.relaxation_length = 0;
