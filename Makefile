@@ -26,7 +26,7 @@ help:
 	@echo "make headroom            every id and level: controllers tuned for it, best found, bound: runs/headroom.json, .png (an hour)"
 	@echo "make mpc                 planning ahead on the hard levels, told nothing, friction, the driver's future: runs/mpc.json (an hour)"
 	@echo "make entry-speed         how fast drivers and LQR pass the double lane change: runs/entry_speed.json"
-	@echo "make entry-speed-learned five seeds learn to pass it on each course, beside them in that file (20 to 60 minutes)"
+	@echo "make entry-speed-learned five seeds learn to pass it on each course, beside them in that file (an hour)"
 	@echo "make alignment           does the reward ask for what success judges: runs/alignment.json, .png (10 minutes)"
 	@echo "make learning            every learner on every id and level, ablations: runs/benchmark.json, .png, ablations.json, ... (hours; goes on where it stopped)"
 	@echo "make robustness          what the policies that ship bear, beside classical controllers: runs/robustness-*.json, .png (half an hour)"

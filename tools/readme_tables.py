@@ -559,6 +559,8 @@ def headlines() -> str:
         if "learned" not in front:
             continue
         learned, speeds = front["learned"]["highest"], [one["highest"] for one in front["learned"]["seeds"]]
+        made_by = front["learned"]["made_by"]
+        seconds = made_by["seconds"] + sum(one["training"]["seconds"] for one in front["learned"]["seeds"])
         from_slow = all(one["unbroken"] > 0.0 for one in front["learned"]["seeds"])
         limits = "" if from_slow else " at its highest speed, but not from slow on: a policy for speeds near that"
         row = [
@@ -567,7 +569,7 @@ def headlines() -> str:
             f"{learned - front['preview-tuned']['highest']:+.2f} m/s to the driver's, "
             f"{learned - front['lqr-tuned']['highest']:+.2f} m/s to LQR's",
             "`make entry-speed-learned`",
-            "not recorded",
+            f"{seconds / 60.0:.0f}, {made_by['machine'].partition(',')[0]}",
         ]
         lines.append(f"| {' | '.join(row)} |")
     return "\n".join(lines)
