@@ -50,13 +50,12 @@ def test_a_training_that_was_begun_goes_on(tmp_path):
 def test_who_stops_it_is_told_how_it_goes_on(tmp_path, monkeypatch):
     class Training:
         def __init__(self, *_, **__):
-            self.stopped = False
+            pass
 
         def poll(self):
             raise stopping.Stopped(2)
 
         def terminate(self):
-            self.stopped = True
             ended.append(self)
 
     ended = []
